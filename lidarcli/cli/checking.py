@@ -98,9 +98,8 @@ def diff(messages: MessageWriter, options: DiffCommand) -> int:
     """
     logs = log_options(options)
 
-    from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.pipeline.api.options import diff_options
-    from lidarcli.pipeline.differences.changes import judged, parse_checks, refuse_outputs, write_changes
+    from lidarcli.pipeline.differences.changes import parse_checks, refuse_outputs, write_changes
     from lidarcli.pipeline.differences.comparison import diff_inputs
     from lidarcli.pipeline.differences.inputs import inputs_of
     from lidarcli.pipeline.reporting import checks_of
@@ -116,6 +115,7 @@ def diff(messages: MessageWriter, options: DiffCommand) -> int:
     messages.of_missing_core()
     with progress_bar([one.source for one in inputs if one.source is not None], messages) as report:
         found = diff_inputs(inputs, parsed, report)
+    found.judge(checks)
     if options["format"] == "json":
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
@@ -123,12 +123,10 @@ def diff(messages: MessageWriter, options: DiffCommand) -> int:
             click.echo(no_command(one_line(line)))
     for line in found.damage:
         messages.error(line)
-    verdicts = judged(found, checks)
-    messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"], verdicts)])
+    messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"], options["runs"])])
     messages.wrote(outputs)
-    if messages.failed(verdicts):
-        return CHECK_FAILED
-    return UnreadableError.exit_code if found.damage else 0
+    messages.failed(found.verdicts)
+    return found.exit_code
 
 
 class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
@@ -228,23 +226,26 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
             show(outcome, messages, lines_of)
             problems += [f"{outcome.label}: {line}" for line in outcome.problems]
             if isinstance(outcome.summary, ZoneSummary):
-                tables += [outcome.summary.tables] if checks or suites else []
+                tables += [(outcome.label, outcome.summary.tables)] if checks or suites else []
                 found += [f"{outcome.label}: {line.strip()}" for line in lines_of(outcome.summary)]
             else:
                 failed = True
-    verdicts, unobserved, figures = ([], (), {}) if failed else judge(checks, tables)
+    # Where a log cannot be read, checks of all together are not run.
+    skipped = [each for each in checks if failed and not (each.is_of_each and tables)]
+    held = [each for each in checks if each not in skipped]
+    verdicts, unobserved, figures = judge(held, tables)
     for line in unobserved:
         messages.error("incomplete", line)
     for path in suites:
         title = sources[0].label if len(sources) == 1 else counted(len(sources), "log")
-        skipped = [each.expression for each in checks if failed]
-        suite = (title, verdicts, figures, [*problems, *unobserved], found, skipped)
+        names = [each.expression for each in skipped], [one.label for one in sources]
+        suite = (title, verdicts, {} if failed else figures, [*problems, *unobserved], found, *names)
         messages.notes(write_verdicts(path, options["overwrite"], *suite))
         messages.wrote([path])
-    code = CHECK_FAILED if messages.failed(verdicts) else total.exit_code(sources)
+    code = CHECK_FAILED if messages.failed(verdicts) and not failed else total.exit_code(sources)
     if not code and unobserved:
         code = UnreadableError.exit_code
-    return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])
+    return messages.end(code, checks=[one.as_dict() for one in [*verdicts, *judge(skipped, ())[0]]])
 
 
 def _again(options: Mapping[str, Any], command: click.Command, *first: str) -> list[str]:
@@ -297,7 +298,7 @@ class ReportCommand(Overwrite, Reporting, Checked, total=False):
     init: Annotated[
         str | None,
         Option(CHECKS, File("FILE", is_output=True), shown="none"),
-        "Write the checks of a good run to this file, for --checks (TOML, docs/ci.md).",
+        "Write the checks that good runs set for others to this file, for --checks (TOML, docs/ci.md).",
     ]
 
 
@@ -306,7 +307,7 @@ class ReportCommand(Overwrite, Reporting, Checked, total=False):
     examples="""\
   lidarcli report tables/ -o run.html --log run.mcap
   lidarcli report tables/ -o out.html -o out.xml --check "sweeps >= 100"
-  lidarcli report good/ --init checks.toml
+  lidarcli report good/* --init checks.toml
   lidarcli report tables/ --checks checks.toml --brief
   lidarcli report tables/ --check "objects_per_sweep.p95 <= 12" --brief
   lidarcli report tables/ --check "objects where width > 1.5 == 0"
@@ -325,7 +326,9 @@ def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
     found beside it), a table of changes of diff, a folder to search, or a pattern.
     """
     tables, baseline, logs = options["tables"], options["baseline"], options["log"]
-    outputs, brief, init = options["output"] or (STDOUT,), options["brief"], options["init"]
+    brief, init = options["brief"], options["init"]
+    # Who only wants the checks of good runs reads those.
+    outputs = options["output"] or (() if init and not (brief or options["format"]) else (STDOUT,))
 
     from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline import reporting
@@ -360,7 +363,10 @@ def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
             messages.wrote([name])
             messages.notes(notes)
     if init and not made.unread:
-        messages.notes(write_whole(place(init), reporting.encoded(reporting.initial_checks(made)), options["overwrite"]))
+        text = reporting.initial_checks(made)
+        if not outputs:
+            click.echo(no_command(text), nl=False)
+        messages.notes(write_whole(place(init), reporting.encoded(text), options["overwrite"]))
         messages.wrote([init])
     messages.failed(made.verdicts)
     return made.exit_code

@@ -126,8 +126,8 @@ def info(messages: MessageWriter, options: InfoCommand) -> int:
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if failed and len(infos) == len(sources):
         return CHECK_FAILED
-    for each in logs if checks else ():
-        if not each.scans:
+    for each in infos if checks else ():
+        if not (isinstance(each, LogInfo) and each.scans):
             messages.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
             codes.append(UnreadableError.exit_code)
     return exit_code(codes)

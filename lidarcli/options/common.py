@@ -83,7 +83,7 @@ class Checked(TypedDict, total=False):
     checks: Annotated[
         tuple[str, ...],
         Option(CHECKS, File("FILE"), (), shown="none", several=True),
-        "Also the checks of this file (TOML, docs/ci.md); may be repeated.",
+        "Also the checks of this file, for each log (TOML, docs/ci.md); may be repeated.",
     ]
 
 

@@ -276,7 +276,8 @@ class LocalisedPath(PathSummary):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values."""
-        return {**PathSummary.as_dict(self), "map": self.figures(), "verdict": self.lines}
+        checks = [each.as_dict() for each in self.verdicts]
+        return {**PathSummary.as_dict(self), "map": self.figures(), "verdict": self.lines, "checks": checks}
 
 
 def findings_of(source: Source, options: PathOptions, path: str) -> list[Finding]:

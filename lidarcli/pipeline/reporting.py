@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC
 from itertools import count
+from os.path import commonprefix
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -30,7 +31,7 @@ from lidarcli.pipeline.inputs.tables import (
     refuse_mixed,
 )
 from lidarcli.reports.changes import ChangesPart, changes_part
-from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
+from lidarcli.reports.checks import Check, OfEachLog, OneRun, accepts, columns_needed, held, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
 from lidarcli.reports.document import ReportPart
 from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
@@ -46,8 +47,9 @@ from lidarcli.reports.summary import (
     edges_of,
     summarise,
 )
-from lidarcli.reports.wording import counted, number
-from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
+from lidarcli.reports.trends import trends
+from lidarcli.reports.wording import counted, span
+from lidarcli.reports.zones import floored, parse_zone_check, unobserved, zones_alone, zones_in, zones_part
 from lidarcli.tabular.reading import Readable, StoredTable
 from lidarcli.tabular.schemas import COUNTS, EVENTS
 
@@ -123,17 +125,21 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     failed = [*tables.problems, *unread]
     if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
         return _without_objects(tables.table_sets, changes, failed, options, step)
-    run, pairs, problems = _load(tables.table_sets, failed, checks, viewer, step)
+    run, pairs, problems, alone = _load(tables.table_sets, failed, checks, viewer, step)
     run = replace(run, time_zone=options.time_zone)
+    alone = [one._replace(log=source.log) for one, source in zip(alone, run.sources, strict=False)]
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
     unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changes))
     if options.baseline:
         compared = [check for check in checks if check.name != check.figure]
-        base_run, _, base_problems = _load(*base_found, compared, False, step)
+        base_run, _, base_problems, _ = _load(*base_found, compared, False, step)
         if base_problems:
             raise UnreadableError(f"baseline: {base_problems[0]}")
+        judging = checks if compared else []
+        missed = (*_unseen(judging, base_run.sources), *_unobserved(judging, base_run))
+        unseen += tuple(f"baseline {line}" for line in missed)
         # Both runs share the edges of their histograms.
         edges = edges_of(*((one, streams_of(one)) for one in (run, base_run)))
         summary = summarise(run, edges)
@@ -141,11 +147,13 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         part = RunPart(summary, comparison)
         of_sweeps = [check.expression for check in checks if check.name in COMPARED]
         if of_sweeps and not comparison.is_same:
-            unseen += (f"--check '{of_sweeps[0]}': the baseline is of another recording, with other sweeps",)
+            unseen += (f"baseline: of another recording, with other sweeps than --check '{of_sweeps[0]}' compares",)
     else:
         part = RunPart(summarise(run))
-    report = Report((part,) if changes is None else (part, changes), (), problems, unseen)
-    report = replace(report, verdicts=tuple(judge(check, report.figures, run) for check in checks))
+    runs = (*alone, *([] if changes is None else changes.runs))
+    parts = (part, *([] if changes is None else [changes]))
+    report = Report(parts, (), problems, unseen, runs, trends(alone, checks, options.time_zone))
+    report = replace(report, verdicts=tuple(held(check, runs, report.figures, run) for check in checks))
     step()
     if not viewer:
         return report
@@ -156,7 +164,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
 
 
 def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the checks of `--check` and of the files of `--checks` (`OptionError`, `UnreadableError`)."""
+    """Return the checks of `--check`, and those of the files of `--checks` (`OptionError`, `UnreadableError`)."""
     every = [*options["check"]]
     for file in options["checks"]:
         content = read_toml(file, "file of checks")
@@ -167,7 +175,9 @@ def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
             )
         if not found:
             raise OptionError(f"{file}: holds no check")
-        every += found
+        for each in (own := [*map(OfEachLog, found)]):
+            each.file = str(file)
+        every += own
     return tuple(every)
 
 
@@ -183,9 +193,10 @@ def unread_suite(command: str, options: Mapping[str, Any], error: LidarcliError)
 
 
 def initial_checks(report: Report) -> str:
-    """Return a file of checks that this run passes, with room for others (`figures.guards`)."""
-    lines = [f"  {json.dumps(check)},  # {number(value)} there" for check, value in guards(report.figures).items()]
-    head = f"# Checks of a good run ({one_line(report.title)}), for lidarcli report RUN --checks THIS_FILE"
+    """Return a file of checks that these runs pass, with room for others (`figures.guards`)."""
+    found = guards([one.figures for one in report.runs] or [report.figures])
+    lines = [f"  {json.dumps(one)},  # {span(values)} in {counted(len(values), 'run')}" for one, values in found.items()]
+    head = f"# Checks of good runs ({one_line(report.title)}), for lidarcli report RUN --checks THIS_FILE"
     return "\n".join([head, "checks = [", *lines, "]", ""])
 
 
@@ -248,24 +259,28 @@ def _without_objects(
             step()
     if pairs and not read:
         raise nothing_read(failed)
+    sources = [*_told_apart(sources)]
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
         if values:
             raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
     others = ("damage", *(() if changes is None else (*OF_CHANGES, *OF_MAPS)))
     if pairs:
         zones = zones_in(read)
-        parts: list[ReportPart] = [zones_part(zones, sources, options.time_zone), *([] if changes is None else [changes])]
         checks = [parse_zone_check(text, zones.names, others) for text in options.checks]
+        logs = enumerate(sources if len(sources) > 1 else [])
+        alone = [zones_alone(source.log, read[k], checks, len(source.damage)) for k, source in logs]
+        parts: list[ReportPart] = [zones_part(zones, sources, options.time_zone), *([] if changes is None else [changes])]
         incomplete = (*_unseen(checks, sources), *unobserved(checks, zones))
     else:
         assert changes is not None
-        zones, parts, incomplete = None, [changes], ()
+        zones, parts, incomplete, alone = None, [changes], (), []
         checks = [parse_check(text, only=others) for text in options.checks]
     if not accepts(checks, "damage"):
         incomplete = (*incomplete, *_unseen_changes(checks, changes))
-    report = Report(tuple(parts), (), tuple(map(str, failed)), incomplete)
+    runs, told = (*alone, *([] if changes is None else changes.runs)), trends(alone, checks, options.time_zone)
+    report = Report(tuple(parts), (), tuple(map(str, failed)), incomplete, runs, told)
     figures = {"damage": sum(len(source.damage) for part in parts for source in part.sources), **report.figures}
-    return replace(report, verdicts=tuple(judge_zones(check, figures, zones) for check in checks))
+    return replace(report, verdicts=tuple(held(check, runs, figures, zones) for check in checks))
 
 
 def _command(options: ReportOptions) -> str:
@@ -274,8 +289,10 @@ def _command(options: ReportOptions) -> str:
     for name, values in (("--log", _names(options.logs)), ("--baseline", _names(options.baseline))):
         words += [word for value in values for word in (name, value)]
     words += ["--join"] if options.join else []
-    words += [word for check in options.checks for word in ("--check", check)]
-    return shlex.join([*words, "-o", "report.html"])
+    checks = [
+        ("--checks", *_names([one.file])) if isinstance(one, OfEachLog) else ("--check", one) for one in options.checks
+    ]
+    return shlex.join([*words, *(word for pair in dict.fromkeys(checks) for word in pair), "-o", "report.html"])
 
 
 def _names(paths: Sequence[Given]) -> list[str]:
@@ -297,8 +314,8 @@ def _load(
     checks: Sequence[Check],
     viewer: bool,
     step: Callable[[], None],
-) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...]]:
-    """Read the rows of all tables that can be read; returns them with one line for each problem."""
+) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...], list[OneRun]]:
+    """Read the rows of all tables that can be read; returns them, a line for each problem, and several logs one by one."""
     problems = [*problems]
     problems += [
         UnreadableError(f"{pair.events}: no objects table beside it: write both into one folder, or report on zones alone")
@@ -308,23 +325,40 @@ def _load(
     pairs = [pair for pair in pairs if not _is_of_zones(pair)]
     columns = _columns_read(pairs, checks, viewer)
     read: list[_ReportTables] = []
+    runs: list[OneRun] = []
     for pair in pairs:
         with _collected(problems):
             read.append(_read_tables(pair, columns, viewer, problems, step, stored=len(pairs) == 1))
+            if len(pairs) > 1:
+                run = _run_of(read[-1:])
+                figures, stamps = summarise(run).figures, run.sweeps.integers("stamp")
+                runs.append(OneRun.of(run.sources[0].log, stamps, figures, run, checks))
     if not read:
         raise nothing_read(problems)
-    kept = tuple(each.pair for each in read)
+    kept = tuple(one.pair for one in read)
     _refuse_missing(checks, kept)
+    return _run_of(read), kept, tuple(map(str, problems)), runs
+
+
+def _run_of(read: Sequence[_ReportTables]) -> Run:
+    """Return the rows of the tables of one or many logs."""
     zones = {k: each.zones for k, each in enumerate(read) if each.zones is not None}
-    run = Run(
-        tuple(replace(origin_of(each.pair, each.sweeps), tracked=each.tracks is not None) for each in read),
+    return Run(
+        _told_apart([replace(origin_of(each.pair, each.sweeps), tracked=each.tracks is not None) for each in read]),
         Rows.join([each.sweeps for each in read]),
         Rows.join([each.objects for each in read]),
         _joined([each.tracks for each in read]),
         _joined([each.trajectories for each in read]),
         zones_in(zones) if zones else None,
     )
-    return run, kept, tuple(map(str, problems))
+
+
+def _told_apart(sources: Sequence[Origin]) -> tuple[Origin, ...]:
+    """Return logs, if some have the same name with the folders of their tables, as far as these differ."""
+    if len({one.log for one in sources}) == len(sources):
+        return tuple(sources)
+    shared = len(commonprefix([one.label for one in sources]).rpartition("/")[0])  # noqa: RUF071 (of names)
+    return tuple(replace(one, log=one.label[shared:].lstrip("/").removesuffix(".objects.parquet")) for one in sources)
 
 
 def _joined(tables: Sequence[pa.Table | StoredTable | None]) -> Rows | None:
@@ -483,7 +517,10 @@ def render(report: Report, kind: str, colour: bool = False, brief: bool = False)
         case "json":
             return programs.as_json(report)
     warnings = [f"warning: {line}" for line in report.warnings]
-    return programs.as_junit("report", report.title, report.verdicts, report.figures, report.problems, warnings)
+    logs = [source.log for part in report.parts for source in part.sources]
+    logs += [line.partition(": ")[0] for line in report.unread]
+    told = (report.title, report.verdicts, report.figures, report.problems, warnings)
+    return programs.as_junit("report", *told, logs=[*dict.fromkeys(logs)])
 
 
 def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:

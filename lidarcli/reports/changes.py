@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from lidarcli.display.texts import counted
 from lidarcli.options.choices import CHANGE_STATUSES
+from lidarcli.reports.checks import OneRun
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.document import (
     MARKDOWN,
@@ -45,6 +46,8 @@ class ChangesPart(ReportPart):
     figures: dict[str, float | None]
     """Every name of `figures.OF_CHANGES` → value; those of `figures.OF_MAPS` where two maps were compared."""
     pairs: tuple[RunPair, ...]
+    runs: tuple[OneRun, ...]
+    """Several tables, one by one."""
     schema = "lidarcli.changes/1"
 
     @property
@@ -106,7 +109,7 @@ class ChangesPart(ReportPart):
         """Return what was moved, is new or gone."""
         counts = {status: self.figures[status] for status in FIRST}
         if None in counts.values():
-            return [Card("changes", "not known", "a run is too short for anything to stand in it")]
+            return [Card("changes", "not known", "a run is too short for anything to stand in it, or a table")]
         words = [f"{status} {count:,.0f}" for status, count in counts.items() if count]
         overlap = self.figures["overlap"]
         words += [] if overlap is None else [f"{percent(overlap)} of the structure in place"]
@@ -171,4 +174,6 @@ def changes_part(tables: Sequence[tuple[str, pa.Table]]) -> ChangesPart:
     if len(tables) == 1:
         # Those of several pairs of maps have no mean that says anything.
         values |= of_maps
-    return ChangesPart(tuple(sources), values, tuple(pairs))
+    alone = [*zip(sources, tables, strict=True)] if len(tables) > 1 else []
+    runs = tuple(OneRun(source.log, None, changes_part([table]).figures) for source, table in alone)
+    return ChangesPart(tuple(sources), values, tuple(pairs), runs)

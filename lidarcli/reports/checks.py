@@ -14,17 +14,19 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidarcli.display.texts import counted, some_of
 from lidarcli.errors import OptionError
 from lidarcli.reports import figures
 from lidarcli.reports.columns import BEAMS_OF_OBJECTS, OBJECTS_OF_SWEEP, Rows, Run, ZoneRows
 from lidarcli.reports.figures import STATISTICS
-from lidarcli.sweeps.types import Bool, Column, Float64
+from lidarcli.sweeps.types import Bool, Column, Float64, Int64
 from lidarcli.tabular.schemas import TABLES
 
 _TOKEN = re.compile(
@@ -72,6 +74,12 @@ OF_TRACKS = frozenset({"vx", "vy", "moving"})
 """Columns of the objects table that are empty without tracks: a check of them would always hold."""
 _COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
 """The end of a check, from its comparison on."""
+
+
+class OfEachLog(str):
+    """A check of a `file`: each of several logs has to hold it by itself, not all of them together."""
+
+    file = ""
 
 
 class Token(NamedTuple):
@@ -309,6 +317,11 @@ class Check:
         return figures.plain_name(self.name)
 
     @property
+    def is_of_each(self) -> bool:
+        """True if each log has to hold it by itself."""
+        return isinstance(self.expression, OfEachLog) and self.name == self.figure
+
+    @property
     def needs_tracks(self) -> bool:
         """True if the check cannot be evaluated without tracks tables."""
         if self.condition is None:
@@ -339,24 +352,63 @@ class CheckVerdict:
     found: float | None
     """Value that was measured; None where there was none, and the check does not hold."""
     holds: bool
+    logs: tuple[tuple[str, CheckVerdict], ...] = ()
+    """Logs and their verdicts, where each of several has to hold it; found is that of the first that fails, if any."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
         shown = {"check": self.expression, "holds": self.holds, "expected": self.expected}
-        return shown | {"found": figures.plain_number(self.found)}
+        logs = [{"log": log, "holds": one.holds, "found": figures.plain_number(one.found)} for log, one in self.logs]
+        return shown | {"found": figures.plain_number(self.found)} | ({"logs": logs} if logs else {})
 
     @property
     def failure(self) -> str:
         """The check and why it fails, for people."""
-        found = "has nothing to measure" if self.found is None else f"is {self.words}"
+        found = "has nothing to measure" if self.found is None and not self.logs else f"is {self.words}"
         return f"{_COMPARISON.sub('', self.expression)} {found}, expected {self.expected}"
 
     @property
     def words(self) -> str:
-        """Value that was found, for people."""
+        """Value that was found, for people; of several logs those that fail."""
+        if self.logs:
+            values = sorted((one for _, one in self.logs), key=lambda one: -np.inf if one.found is None else one.found)
+            failed = [f"{one.words} in {log}" for log, one in self.logs if not one.holds]
+            span, every = dict.fromkeys((values[0].words, values[-1].words)), counted(len(self.logs), "log")
+            return f"{some_of(failed)} ({len(failed):,} of {every})" if failed else f"{' to '.join(span)} in {every}"
         if self.found is None:
             return "nothing to measure"
         return f"{self.found:,.0f}" if self.found == int(self.found) else f"{self.found:.6g}"
+
+
+class OneRun(NamedTuple):
+    """One of several logs, or tables of changes, by itself."""
+
+    log: str
+    start_ns: int | None
+    """First stamp; None where it is not known."""
+    figures: Mapping[str, float | None]
+    verdicts: Mapping[str, CheckVerdict] = MappingProxyType({})
+    """Results of the checks of rows that it has to hold."""
+
+    @staticmethod
+    def of(
+        log: str, stamps: Int64, found: Mapping[str, float | None], rows: Run | ZoneRows, checks: Sequence[Check]
+    ) -> OneRun:
+        """Return one of several logs by its stamps, its figures and its rows."""
+        each = (one for one in checks if one.is_of_each and one.condition)
+        verdicts = {one.expression: judge(one, found, rows) for one in each}
+        return OneRun(log, min(stamps.tolist(), default=None), found, verdicts)
+
+
+def held(
+    check: Check, runs: Sequence[OneRun], found: Mapping[str, float | None], rows: Run | ZoneRows | None
+) -> CheckVerdict:
+    """Hold a check against each of several runs, if it is about each, or against the figures and rows of all."""
+    own = [one for one in runs if check.is_of_each and check.needs_changes == ("known" in one.figures)]
+    logs = [(one.log, one.verdicts.get(check.expression) or verdict_of(check, one.figures.get(check.name))) for one in own]
+    if not logs:
+        return judge(check, found, rows)
+    return replace(next((one for _, one in logs if not one.holds), logs[0][1]), logs=tuple(logs))
 
 
 def parse_check(
@@ -409,37 +461,35 @@ def parse_check(
     return Check(expression, token.text, condition, sign, low, high)
 
 
-def judge(check: Check, values: Mapping[str, float | None], run: Run) -> CheckVerdict:
-    """Hold a check against the figures of a run, or against its rows."""
+def judge(check: Check, values: Mapping[str, float | None], rows: Run | ZoneRows | None) -> CheckVerdict:
+    """Hold a check against the figures of a run or of zones, or against their rows."""
     # Tracks tables that could not be read leave nothing to measure.
-    return verdict_of(check, values.get(check.name) if check.condition is None else _count(check, check.condition, run))
+    if check.condition is None or rows is None:
+        return verdict_of(check, values.get(check.name))
+    return verdict_of(check, _count(check, check.condition, rows))
 
 
 def verdict_of(check: Check, found: float | None) -> CheckVerdict:
     """Hold a check against what was found; None where there was nothing to measure."""
     holds = found is not None and check.admits(found)
-    return CheckVerdict(check.expression, f"{check.expected}", found, holds)
+    return CheckVerdict(str(check.expression), check.expected, found, holds)
 
 
-def _count(check: Check, condition: Condition, run: Run) -> float | None:
-    """Return the number of rows for which a condition holds; None without the table."""
+def _count(check: Check, condition: Condition, run: Run | ZoneRows) -> float | None:
+    """Return the number of rows for which a condition holds; None without the table, or what its columns need."""
+    if not isinstance(run, Run):
+        # If no zone was ever observed, nobody knows.
+        return float(condition.holds(run.events).sum()) if run.zones.numbers("observed").any() else None
     if check.name == "events":
-        return None if run.zones is None else count_events(condition, run.zones)
+        return None if run.zones is None else _count(check, condition, run.zones)
     rows = {"objects": run.objects, "sweeps": run.sweeps, "tracks": run.tracks}[check.name]
-    if rows is None:
+    if rows is None or not all(run.knows(rows, name) for name in condition.columns):
         return None
     chosen = condition.holds(rows)
     if check.name == "objects":
         # Walls, and what has gone from a background, count only where the condition asks for them.
         chosen &= run.is_object | _asked_for(condition, run)
     return float(chosen.sum())
-
-
-def count_events(condition: Condition, zone_rows: ZoneRows) -> float | None:
-    """Return the number of events for which a condition holds; None if no zone was ever observed."""
-    if not zone_rows.zones.numbers("observed").any():
-        return None
-    return float(condition.holds(zone_rows.events).sum())
 
 
 def _asked_for(condition: Condition, run: Run) -> Bool:

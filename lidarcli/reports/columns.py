@@ -28,6 +28,11 @@ BEAMS_OF_OBJECTS = ("object_beams", "agent_beams")
 """… and their beams."""
 
 
+OF_INPUT = dict.fromkeys(("world_x", "world_y", "world_yaw", "pose_x", "pose_y", "pose_yaw", "intensity"), "")
+OF_INPUT |= {"label": "catalogue", "label_score": "catalogue", "change": "background", "difference": "background"}
+"""Column → the parameter without which it is empty; without a name it is the log that may lack it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Origin:
     """Origin of the rows of one pair of tables."""
@@ -78,6 +83,11 @@ class Rows:
             return Rows(tables[0], np.broadcast_to(numbers, tables[0].num_rows))
         source = np.repeat(numbers, [table.num_rows for table in tables])
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
+
+    def of_source(self, source: int) -> Rows:
+        """The rows of one of the sources, which follow each other."""
+        first, end = np.searchsorted(self.source, [source, source + 1]).tolist()
+        return self if end - first == len(self) else Rows(self.table.slice(first, end - first), self.source[first:end])
 
     def numbers(self, name: str) -> Float64:
         """A numeric column, NaN for null; the number of elements of a list column.
@@ -281,6 +291,12 @@ class Run:
     def is_agent(self) -> NDArray[np.bool_]:
         """(K,) those of the objects that are agents (set A)."""
         return self.objects.are("set", "A")
+
+    def knows(self, rows: Rows, column: str) -> bool:
+        """Return False for a column that is empty because nothing could tell its values."""
+        given = OF_INPUT.get(column)
+        is_given = given is None or any(one.parameters.get(given) for one in self.sources)
+        return is_given or not len(rows) or rows.has_any(column)
 
     def observed_in(self) -> list[Observation]:
         """Return for each source how many sweeps show anything."""

@@ -163,6 +163,19 @@ class TimePlot:
     stretches: Sequence[Stretch]
 
 
+class Trend(NamedTuple):
+    """A figure of several runs, one after the other, which pages draw; x and y are shares of the axes."""
+
+    name: str
+    limit: str
+    points: Sequence[tuple[float, float, bool, str]]
+    """x, y, whether a check fails, and words, of the runs whose value is known."""
+    limits: Sequence[float]
+    """y of each limit."""
+    ends: tuple[str, str, str, str]
+    """Words at the low and the high end of y, and of x."""
+
+
 @dataclass(frozen=True, slots=True)
 class Film:
     """Pictures to step through, for pages."""
@@ -175,7 +188,7 @@ class Film:
     """The one that is shown first."""
 
 
-Block = TimePlot | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
+Block = TimePlot | Trend | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any, NamedTuple
@@ -216,20 +216,27 @@ def _spelled(counts: Iterable[str], spreads: Iterable[str], kinds: Mapping[str, 
     return [*counts, *statistics, *(f"{name}.{kind}" for name, values in kinds.items() for kind in values)]
 
 
-def guards(found: Mapping[str, float | None]) -> dict[str, float]:
-    """Return the checks that a good run with these figures sets for others, as of `GUARDED` → the value there."""
+def guards(runs: Sequence[Mapping[str, float | None]]) -> dict[str, list[float]]:
+    """Return the checks that good runs with these figures set for others, as of `GUARDED` → the values there.
+
+    A limit is beyond the worst value by the spread of all, at least by the part of `GUARDED` over the root of their number.
+    """
     checks = {}
-    for name, value in found.items():
+    for name in dict.fromkeys(name for one in runs for name in one):
         of_zone = zone_of(name) if name == plain_name(name) else None
         least, most = GUARDED.get(f"{ZONES}NAME.{of_zone[1]}" if of_zone else name, (None, None))
-        if value is None:
+        values = sorted(value for one in runs if (value := one.get(name)) is not None)
+        if not values:
             continue
-        low = _rounded(value * least, ROUND_FLOOR) if least and value else None
-        high = None if most is None else _rounded(value * most, ROUND_CEILING, whole=value == int(value))
-        if low and high:
-            checks[f"{name} between {low} and {high}"] = value
-        elif low or high:
-            checks[f"{name} >= {low}" if low else f"{name} <= {high}"] = value
+        low, high, room, part = values[0], values[-1], values[-1] - values[0], len(values) ** -0.5
+        down = least and _rounded(low - max(room, part * low * (1.0 - least)), ROUND_FLOOR)
+        whole = all(value == int(value) for value in values)
+        up = most and _rounded(high + max(room, part * high * (most - 1.0)), ROUND_CEILING, whole)
+        down = down if down and float(down) > 0.0 else None
+        if down and up:
+            checks[f"{name} between {down} and {up}"] = values
+        elif down or up:
+            checks[f"{name} >= {down}" if down else f"{name} <= {up}"] = values
     return checks
 
 

@@ -282,7 +282,8 @@ def pack_map(grid: Occupancy) -> dict[str, Any]:
 def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -> dict[str, Any]:
     sweeps = run.sweeps.integers("sweep")[rows]
     stamp = run.sweeps.integers("stamp")[rows]
-    objects = run.objects
+    # Of many logs each column would be read once for every stream.
+    objects = run.objects.of_source(stream.source)
     members, of_sweep = rows_of(objects, stream.topic, sweeps, stream.source)
     offsets = np.searchsorted(of_sweep, np.arange(len(rows) + 1))
     in_metres, angles = ("box_x", "box_y", "box_length", "box_width", "r_min"), ("box_yaw", "theta_i", "theta_f")
@@ -330,9 +331,9 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
             "yaw": _packed(in_world.pose_yaw, np.float32),
         }
     if run.sources[stream.source].tracked:
-        packed["tracks"] = _tracks(run, members)
+        packed["tracks"] = _tracks(objects, members)
         if run.trajectories is not None:
-            packed["paths"] = _paths(run.trajectories, stream, sweeps, in_world)
+            packed["paths"] = _paths(run.trajectories.of_source(stream.source), stream, sweeps, in_world)
     if raw is not None and len(raw.sweep):
         packed["raw"] = _raw(raw, sweeps)
     return packed
@@ -368,16 +369,16 @@ def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
     }
 
 
-def _tracks(run: Run, members: Int64) -> dict[str, Any]:
+def _tracks(objects: Rows, members: Int64) -> dict[str, Any]:
     """Return number and velocity of the track of each object; a static track has no velocity."""
-    moves = run.objects.numbers("moving")[members] == 1
+    moves = objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
-        "track": _packed(np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32),
+        "track": _packed(np.nan_to_num(np.minimum(objects.numbers("track")[members], 2**31 - 1)), np.int32),
         "speed": SPEED,
     }
     for name in ("vx", "vy"):
-        packed[name] = _signed(np.where(moves, run.objects.numbers(name)[members], 0.0) / SPEED)
+        packed[name] = _signed(np.where(moves, objects.numbers(name)[members], 0.0) / SPEED)
     return packed
 
 

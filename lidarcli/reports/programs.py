@@ -6,16 +6,19 @@ import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from lidarcli._version import __version__
 from lidarcli.display.texts import visible
 from lidarcli.reports.checks import CheckVerdict
-from lidarcli.reports.figures import plain_numbers
+from lidarcli.reports.figures import plain_fields, plain_numbers
 from lidarcli.reports.report import Report
 from lidarcli.reports.wording import number
 
+TYPES = {"failure": {"type": "check"}, "error": {"type": "unreadable"}}
+"""What JUnit calls a case that does not pass → its type."""
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -47,6 +50,8 @@ def as_dict(report: Report) -> dict[str, Any]:
         ],
         "figures": {name: value for part in report.parts for name, value in plain_numbers(part.figures).items()},
     }
+    runs = [{**plain_fields(one, "log", "start_ns"), "figures": plain_numbers(one.figures)} for one in report.runs]
+    found |= {"runs": runs} if runs else {}
     for part in reversed(report.parts):
         found |= {**(part.opening.values if part is first else {}), **part.as_dict()}
     return found
@@ -60,33 +65,38 @@ def as_junit(
     problems: Sequence[str],
     lines: Sequence[str] = (),
     skipped: Sequence[str] = (),
+    logs: Sequence[str] = (),
 ) -> str:
-    """Return one suite on what a `command` found: its properties are the figures, its cases the checks.
+    """Return one suite on what a `command` found: its properties are the figures, its cases the `logs` and the checks.
 
-    Each of the `problems`, for which not all was read or checked, is an error; without errors and failures the exit code
-    is 0. Checks that were `skipped` have their cases, too.
+    Each of the `problems`, for which not all was read or checked, begins with the name of a log, whose case is an error;
+    without errors and failures the exit code is 0. Checks that were `skipped` have their cases, too.
     """
-    counts = {
-        "tests": str(len(verdicts) + len(problems) + len(skipped)),
-        "failures": str(sum(not verdict.holds for verdict in verdicts)),
-        "errors": str(len(problems)),
-    }
+    read: dict[str, list[str]] = {log: [] for log in logs}
+    for problem in problems:
+        named = [log for log in read if problem.startswith((f"{log}: ", f"{log} and "))]
+        read.setdefault(max(named, key=len, default=problem.partition(": ")[0]), []).append(problem)
+    cases = [(f"{log}: read", "error" if whys else "", "\n".join(whys)) for log, whys in read.items()]
+    for one in verdicts:
+        for log, each in one.logs or [("", one)]:
+            why = f"expected {each.expected}, found {each.words}"
+            cases.append((f"{log}: " * bool(log) + one.expression, "" if each.holds else "failure", why))
+        unread = (log for log in logs if one.logs and read[log] and log not in dict(one.logs))
+        cases += [(f"{log}: {one.expression}", "skipped", f"not run: {read[log][0]}") for log in unread]
+    cases += [(expression, "skipped", f"not run: {problems[0]}") for expression in skipped]
+    tags = Counter(tag for _, tag, _ in cases)
+    counts = {"tests": str(len(cases)), "failures": str(tags["failure"]), "errors": str(tags["error"])}
     root = ET.Element("testsuites", {"name": f"lidarcli {command}", **counts})
-    suite = _part(root, "testsuite", name=title, **counts, skipped=str(len(skipped)))
+    suite = _part(root, "testsuite", name=title, **counts, skipped=str(tags["skipped"]))
     properties = _part(suite, "properties")
     for name, value in figures.items():
         if value is not None:
             _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
-    for one in verdicts:
-        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=one.expression)
-        if not one.holds:
-            why = f"expected {one.expected}, found {one.words}"
-            _part(case, "failure", message=why, type="check").text = clean(f"{one.expression}\n{why}")
-    for expression in skipped:
-        _part(_part(suite, "testcase", classname=f"lidarcli.{command}", name=expression), "skipped", message="not run")
-    for count, problem in enumerate(problems, 1):
-        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=f"all of the input is read ({count})")
-        _part(case, "error", message=problem, type="unreadable")
+    for name, tag, why in cases:
+        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=name)
+        if tag:
+            part = _part(case, tag, message=why.partition("\n")[0], **TYPES.get(tag, {}))
+            part.text = clean(f"{name}\n{why}")
     if lines:
         _part(suite, "system-out").text = clean("\n".join(lines))
     ET.indent(root, " ")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
-from lidarcli.reports.checks import CheckVerdict
+from lidarcli.reports.checks import CheckVerdict, OneRun
 from lidarcli.reports.document import PAGE, Card, NamedValues, ReportPart, Section
 
 if TYPE_CHECKING:
@@ -43,6 +43,10 @@ class Report:
     """Tables and folders that could not be read, one line each."""
     unseen: tuple[str, ...] = ()
     """Data that the checks did not see although all tables could be read, one line each."""
+    runs: tuple[OneRun, ...] = ()
+    """Several logs, and several tables of changes, one by one."""
+    trends: Section | None = None
+    """These logs one after the other."""
     page: Page | None = None
     """Contents of the HTML alone, where it was requested, of a run."""
 
@@ -65,6 +69,7 @@ class Report:
         """Return the sections by name, in their order."""
         found = {name: one for part in reversed(self.parts) for name, one in part.sections().items()}
         words = [pair for part in self.parts for pair in part.words.items()]
+        found = {**({} if self.trends is None else {"runs": self.trends}), **found}
         return found | ({"words": Section("Words", [NamedValues(words)], (PAGE,))} if words else {})
 
     def cards(self) -> list[Card]:

@@ -368,7 +368,7 @@ def _figures(
     for name, spread in spreads.items():
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in CATEGORIES.items():
-        figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) for kind in known}
+        figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) if run.knows(run.objects, name) else None for kind in known}
     return figures
 
 
@@ -443,7 +443,7 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
     for name, value in summary.figures.items():
         other = baseline.figures.get(name)
         change = figures[DELTA + name] = None if value is None or other is None else value - other
-        figures[PERCENT + name] = 100.0 * change / abs(other) if change is not None and other else None
+        figures[PERCENT + name] = 100.0 * change / abs(other) if change and other else 0.0 if change == 0 else None
     best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
     first = own[best]
     changes = run.sweeps.records(

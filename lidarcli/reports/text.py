@@ -125,8 +125,10 @@ def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequen
     """Return a table without lines; columns in `right` are flush right, the last one wraps."""
     columns = len(head or rows[0])
     wide = sum(max(len(visible(row[index])) for row in [*rows, *([head] if head else [])]) for index in range(columns))
-    # A name stays whole as long as a narrower gap makes room for it.
+    # A name stays whole as long as a narrower gap makes room for it, else that of a figure breaks at its dots.
     gap = 1 if head and wide + 2 * (columns - 1) > WIDTH else 2
+    if head and wide + columns - 1 > WIDTH:
+        head = [re.sub(r"(?<=[._])(?=\w)", "\n", name) for name in head]
     table = RichTable(box=None, show_header=bool(head), pad_edge=False, padding=(0, gap, 0, 0), header_style="dim")
     for index in range(columns):
         last = index == columns - 1

@@ -15,7 +15,7 @@ from lidarcli.display.palette import ZONE_COLOURS
 from lidarcli.display.texts import moment, times_of_day
 from lidarcli.errors import OptionError
 from lidarcli.options.times import TimeZone
-from lidarcli.reports.checks import Check, CheckVerdict, accepts, count_events, parse_check, verdict_of
+from lidarcli.reports.checks import Check, OneRun, accepts, parse_check
 from lidarcli.reports.columns import Observation, Origin, Record, Rows, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
     MARKDOWN,
@@ -233,11 +233,10 @@ def by_words(by: Mapping[str, int]) -> str:
     return ", ".join(f"{by[letter]} by {words[letter]}" for letter in WHO if by.get(letter))
 
 
-def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> CheckVerdict:
-    """Hold a check against the figures of zones, or against the rows of their events."""
-    if check.condition is None or zone_rows is None:
-        return verdict_of(check, values.get(check.name))
-    return verdict_of(check, count_events(check.condition, zone_rows))
+def zones_alone(log: str, tables: Sequence[pa.Table], checks: Sequence[Check], damage: int = 0) -> OneRun:
+    """Return the zones of one of several logs."""
+    rows = zones_in({0: tables})
+    return OneRun.of(log, rows.zones.integers("stamp"), {**figures_of(rows), "damage": damage}, rows, checks)
 
 
 @dataclass(frozen=True, slots=True)

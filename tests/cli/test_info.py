@@ -19,6 +19,7 @@ from lidarcli.pipeline.reading import deep
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.findings import Finding, Fix, transform_lines
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
+from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, room_sweeps
 
 Run = Callable[..., Any]
@@ -257,6 +258,11 @@ def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, fo
     (folder / "empty.csv").touch()
     lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 0", code=3)
     assert lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 7").code == 3
+    # A background is no log in which anything could be found.
+    lidarcli("background", "build", SAMPLES / "room_empty.mcap", "-o", "empty.parquet")
+    assert lidarcli("info", "empty.parquet").code == 0
+    ran = lidarcli("info", "empty.parquet", "--check", "findings == 0", code=3)
+    assert "empty.parquet: no sweep was read, and the checks saw nothing of it" in ran.err
 
 
 @pytest.mark.slow

@@ -245,6 +245,7 @@ def test_a_path_that_fits(lidarcli: Run, site: Path) -> None:
         ("lost", "lost_seconds", "lost_share", "off_max"), 0.0
     )
     assert found["verdict"][0].endswith("% of the beams; the path fits it throughout")
+    assert found["checks"] == [{"check": "lost == 0", "holds": True, "expected": "== 0", "found": 0}]
 
 
 def test_a_stretch_that_is_off(lidarcli: Run, site: Path, tmp_path: Path) -> None:

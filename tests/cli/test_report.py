@@ -56,8 +56,8 @@ def test_junit_is_well_formed_whatever_the_texts(lidarcli: Run, tmp_path: Path, 
     suite = ET.fromstring(ran.out.encode()).find("testsuite")
     assert suite is not None
     cases = suite.findall("testcase")
-    assert cases[0].get("name") == f"objects where topic == '{shown}' > 0"
-    failure = cases[0].find("failure")
+    assert cases[2].get("name") == f"objects where topic == '{shown}' > 0"
+    failure = cases[2].find("failure")
     assert failure is not None
     assert failure.text == f"objects where topic == '{shown}' > 0\nexpected > 0, found 0"
     error = cases[1].find("error")
@@ -95,6 +95,53 @@ def test_inputs_that_cannot_be_read(lidarcli: Run, run: Path, tmp_path: Path) ->
     ran = lidarcli("report", bad, run, "--format", "json", code=3)
     assert json.loads(ran.out)["figures"]["sweeps"] == 20
     assert "bad.sweeps.parquet: cannot be read as Parquet" in json.loads(ran.out)["problems"][0]
+
+
+def test_a_baseline_that_was_seen_in_part_passes_no_check_in_silence(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    """Half of yesterday's sweeps would make today twice as busy."""
+    cut = write_run(tmp_path / "cut", [sweep(k, 1, log="cut") for k in range(9)], damage=["byte 99: cut"], name="cut")
+    blind = write_run(tmp_path / "blind", [sweep(k, 1, observed=k > 9) for k in range(20)])
+    for base, words, accepted in (
+        (cut, "baseline cut: damaged when its tables were made", "damage <= 1"),
+        (blind, "baseline run: 10 of 20 sweeps show anything", "observed >= 0.5"),
+    ):
+        gate = ("--baseline", base, "--check", "percent.objects >= -10", "--check", "percent.gaps == 0")
+        ran = lidarcli("report", run, *gate, code=3)
+        assert words in ran.err
+        assert lidarcli("report", run, *gate, "--check", accepted).code == 0
+        assert lidarcli("report", run, "--baseline", base, "--check", "sweeps == 20").code == 0
+
+
+def test_percent_of_nothing(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    """Of none nobody can tell how many percent more there are; as many as before are no more."""
+    base = write_run(tmp_path / "base", [sweep(k) for k in range(20)])
+    for mine, code, found in ((run, 1, None), (base, 0, 0)):
+        ran = lidarcli("report", mine, "--baseline", base, "--check", "percent.objects <= 10", "--format", "json")
+        assert (ran.code, json.loads(ran.out)["checks"][0]["found"]) == (code, found)
+
+
+@pytest.mark.parametrize(
+    ("expression", "parameter", "value"),
+    [
+        ("change.appeared", "background", {"file": "e.parquet"}),
+        ("objects where change == appeared", "background", {"file": "e.parquet"}),
+        ("objects where label == pallet", "catalogue", {"things": []}),
+        ("objects where world_x > 1", None, {"world_x": 0.5}),
+        ("objects where intensity > 100", None, {"intensity": 20.0}),
+    ],
+)
+def test_what_nobody_looked_for_is_not_none(
+    lidarcli: Run, tmp_path: Path, expression: str, parameter: str | None, value: dict[str, Any]
+) -> None:
+    """Without a background nothing has appeared, because nobody knows."""
+    plain = write_run(tmp_path / "plain", [sweep(0, 1)], [thing(0, 1)])
+    told = {} if parameter else value
+    known = write_run(
+        tmp_path / "known", [sweep(0, 1)], [thing(0, 1, **told)], parameters={parameter: value} if parameter else {}
+    )
+    for run, code, found in ((plain, 1, None), (known, 0, 0)):
+        ran = lidarcli("report", run, "--check", f"{expression} == 0", "--format", "json")
+        assert (ran.code, json.loads(ran.out)["checks"][0]["found"]) == (code, found)
 
 
 def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
@@ -284,7 +331,7 @@ def test_of_another_recording_the_figures_alone_are_compared(lidarcli: Run, run:
         assert found["figures"]["percent.objects"] == 100 * found["figures"]["delta.objects"] / 20
         assert "Two recordings" in lidarcli("report", mine, "--baseline", base).out
         judged = lidarcli("report", mine, "--baseline", base, "--check", "changed_sweeps == 0")
-        assert (judged.code, "the baseline is of another recording" in judged.err) == (1, True)
+        assert (judged.code, "baseline: of another recording" in judged.err) == (1, True)
     same = write_run(tmp_path / "same", [sweep(k, 1) for k in range(20)], recording={"/scan": "20 2"})
     assert "Sweeps in both runs: 20, 20 of them" in " ".join(lidarcli("report", here, "--baseline", same).out.split())
     # Other programs write stamps in microseconds, and a mended log may have a few others.
@@ -416,7 +463,7 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     )
     text = lidarcli("report", unlike).out
     assert max(map(len, text.splitlines())) <= 80
-    assert " ".join(text.split()).startswith(f"warning: {warning} Logs log and topic")
+    assert " ".join(text.split()).startswith(f"warning: {warning} Run by run start log sweeps")
     lines = text.splitlines()
     start = lines.index("Logs")
     assert lines[start + 1 : start + 6] == [

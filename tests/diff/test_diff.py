@@ -331,9 +331,32 @@ def test_tables_tell_no_free_space(monday: str, tmp_path: Path, lidarcli: Run) -
         ["aligned by things: 0.00 m, 0.0 degrees", "  known 4, uncertain 1 (1 no free space)"],
     )
     assert ran.err.splitlines() == [
-        "  note     tables tell no free space; name the logs to learn what is gone",
+        "  note     tables tell no free space; name the logs to learn what is gone, or new: checks of that fail",
         f"  wrote    {tmp_path / 'c.csv'}",
     ]
+    # Nothing can be gone where nobody knows what is free, nor be new.
+    same = (tmp_path / "a", tmp_path / "a" / "monday.tracks.parquet")
+    for runs, check, code in (
+        (same, "gone == 0", 1),
+        (same, "new == 0", 1),
+        (same, "known == 5", 0),
+        ((monday, same[1]), "gone == 0", 1),
+        ((monday, same[1]), "new == 0", 0),
+    ):
+        assert lidarcli("diff", *runs, "--check", check, "-o", tmp_path / "d.parquet", "--overwrite").code == code
+        assert lidarcli("report", tmp_path / "d.parquet", "--check", check).code == code
+
+
+def test_json_has_verdicts(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    tuesday = write_run(tmp_path / "tuesday.mcap", without(SCENE, BOXES[1]), seed=1)
+    words = ("diff", monday, tuesday, "--format", "json")
+    for checks, code in (((), 0), (("gone == 1",), 0), (("gone == 1", "new > 0"), 1)):
+        ran = lidarcli(*words, *(word for check in checks for word in ("--check", check)), code=code)
+        found = json.loads(ran.out)
+        assert (found["exit_code"], found["holds"]) == (code, not code)
+        assert [(one["check"], one["holds"], one["found"]) for one in found["checks"]] == [
+            *zip(checks, (True, False), (1, 0), strict=False)
+        ]
 
 
 def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:

@@ -124,7 +124,7 @@ def test_paths_of_people_in_other_libraries(library: str, tables: Path, monkeypa
 
 
 def test_the_typical_tasks(tables: Path) -> None:
-    assert len(TASKS) == 10
+    assert len(TASKS) == 11
     before = {path.name for path in tables.iterdir()}
     done = list(examples.run("".join(f"```sh\n{command}\n```\n" for command in TASKS), tables))
     assert len(done) == len(TASKS)
@@ -135,6 +135,7 @@ def test_the_typical_tasks(tables: Path) -> None:
         "yard-1200.png",
         "news",
         "differences.html",
+        "runs.html",
         *("yard.shown.mcap", "yard.shown.layout.json", "yard.shown.rviz"),
         "part",
         "yard.csv",

@@ -15,9 +15,10 @@ import pytest
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.options.times import parse_zone
 from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
+from lidarcli.reports.checks import judge
 from lidarcli.reports.columns import Origin, ZoneRows
 from lidarcli.reports.run import RunPart
-from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zones_part
+from lidarcli.reports.zones import figures_of, parse_zone_check, zones_part
 from lidarcli.tabular.schemas import SCHEMAS
 from tests.reports.browser import CHROMIUM, browser
 from tests.reports.runs import START, crossing, event, made, watch, watched_of, write_run, write_zones
@@ -130,14 +131,14 @@ def test_without_tracks_nobody_knows_who_went_across() -> None:
     ],
 )
 def test_what_a_check_of_zones_finds(watched: ZoneRows, expression: str, found: float | None, holds: bool) -> None:
-    verdict = judge_zones(parse_zone_check(expression, NAMES), figures_of(watched), watched)
+    verdict = judge(parse_zone_check(expression, NAMES), figures_of(watched), watched)
     assert (verdict.found, verdict.holds) == (found, holds)
     assert (verdict.words == "nothing to measure") == (found is None)
 
 
 def test_events_of_zones_that_were_never_observed_are_nothing_to_measure() -> None:
     unseen = watched_of([], [watch(k, "behind", observed=False) for k in range(3)])
-    verdict = judge_zones(parse_zone_check("events where set == A == 0", ["behind"]), figures_of(unseen), unseen)
+    verdict = judge(parse_zone_check("events where set == A == 0", ["behind"]), figures_of(unseen), unseen)
     assert (verdict.found, verdict.holds) == (None, False)
 
 

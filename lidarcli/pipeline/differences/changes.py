@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.errors import OptionError
+from lidarcli.errors import CHECK_FAILED, OptionError, UnreadableError
 from lidarcli.files.newfiles import NewFiles, refuse, writing
 from lidarcli.files.stores import Place
 from lidarcli.formalism.matching.differences import GONE, HIDDEN, MOVED, NEW, OUT_OF_VIEW, POSES, STRUCTURE, FoundChange
@@ -41,6 +41,18 @@ class Difference:
     figures: dict[str, float | None]
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()
+    verdicts: list[CheckVerdict] = field(default_factory=list)
+
+    def judge(self, checks: Sequence[Check]) -> None:
+        """Hold checks against the figures."""
+        self.verdicts = [verdict_of(check, self.figures.get(check.name)) for check in checks]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a check fails, 3 where a run was read in part, else 0."""
+        if not all(each.holds for each in self.verdicts):
+            return CHECK_FAILED
+        return UnreadableError.exit_code if self.damage else 0
 
     @property
     def lines(self) -> list[str]:
@@ -58,7 +70,9 @@ class Difference:
         """Return plain values for JSON."""
         alignments = [step.alignment() for step in self.steps]
         changes = self.changes.to_pylist()
-        return {"figures": self.figures, "alignments": alignments, "changes": changes, "notes": [*self.notes]}
+        found = {"figures": self.figures, "alignments": alignments, "changes": changes, "notes": [*self.notes]}
+        checks = [each.as_dict() for each in self.verdicts]
+        return {"exit_code": self.exit_code, "holds": not self.exit_code, "checks": checks, **found}
 
 
 def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -162,10 +176,8 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
     refuse(outputs, options.overwrite, [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)])
 
 
-def write_changes(
-    found: Difference, outputs: Sequence[Place], overwrite: bool, verdicts: Sequence[CheckVerdict] = ()
-) -> list[str]:
-    """Write the changes as tables and pictures, and the verdicts of checks; returns notes."""
+def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool, runs: Sequence[str] = ()) -> list[str]:
+    """Write the changes of the `runs` as tables and pictures, and the verdicts of checks; returns notes."""
     notes: list[str] = []
     with NewFiles(outputs, overwrite) as new:
         for path in outputs:
@@ -177,8 +189,8 @@ def write_changes(
                     sights = [Backdrop(step.ground, step.sensors) for step in found.steps]
                     part.write_bytes(draw_changes(pairs_of(found.changes), sights))
                 elif suffix == choices.JUNIT:
-                    title = ", ".join([found.steps[0].before, *(step.name for step in found.steps)])
-                    part.write_bytes(as_junit("diff", title, verdicts, found.figures, found.damage, found.lines).encode())
+                    told = (found.verdicts, found.figures, found.damage, found.lines)
+                    part.write_bytes(as_junit("diff", ", ".join(runs), *told, logs=runs).encode())
                 else:
                     table = found.changes.combine_chunks()
                     metadata = dict(table.schema.metadata)
@@ -190,8 +202,3 @@ def write_changes(
 def parse_checks(expressions: Sequence[str]) -> list[Check]:
     """Understand checks, or raise `OptionError`."""
     return [parse_check(each, only=(*OF_CHANGES, *OF_MAPS)) for each in expressions]
-
-
-def judged(found: Difference, checks: Sequence[Check]) -> list[CheckVerdict]:
-    """Return the verdicts of checks on the figures."""
-    return [verdict_of(check, found.figures.get(check.name)) for check in checks]

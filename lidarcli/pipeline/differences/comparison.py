@@ -70,8 +70,9 @@ def _compared(inputs: Sequence[Input], runs: list[ObservedRun], options: DiffOpt
     labels = [one.text for one in inputs]
     reference, steps, rows = runs[0], [], []
     notes = [note for each in runs for note in each.notes]
-    if any(each.run.ground is None for each in runs):
-        notes.append("tables tell no free space; name the logs to learn what is gone")
+    tables = [each.run.ground is None for each in runs]
+    if any(tables):
+        notes.append("tables tell no free space; name the logs to learn what is gone, or new: checks of that fail")
     short = [label for label, each in zip(labels, runs, strict=True) if each.is_short]
     notes += [
         f"{label} is too short: a thing has to stand in {MIN_SWEEPS} sweeps and for {MIN_SECONDS:g} s; only structure "
@@ -92,6 +93,8 @@ def _compared(inputs: Sequence[Input], runs: list[ObservedRun], options: DiffOpt
             grounds.insert(0, (now.name, moved))
     counted = Counter(row["status"] for row in rows)
     figures = {status: None if short else float(counted[status]) for status in choices.CHANGE_STATUSES}
+    # What nobody could have found is not none.
+    figures |= {status: None for status, blind in (("new", tables[:-1]), ("gone", tables[1:])) if any(blind)}
     figures["overlap"] = min((step.overlap for step in steps if step.overlap is not None), default=None)
     if len(runs) == 2:
         figures |= _map_figures(runs, steps[0].motion, labels)

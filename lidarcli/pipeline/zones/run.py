@@ -26,10 +26,10 @@ from lidarcli.pipeline.zones.events import ZoneEvents
 from lidarcli.pipeline.zones.options import MAX_EXPLAINED, ZoneOptions, masked, narrowed
 from lidarcli.pipeline.zones.reader import ZoneReader
 from lidarcli.pipeline.zones.summary import CountedTables, ZoneSummary, ZoneTables, stale_notes
-from lidarcli.reports.checks import Check, CheckVerdict, verdict_of
+from lidarcli.reports.checks import Check, CheckVerdict, held, verdict_of
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.report import Report
-from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, zones_in
+from lidarcli.reports.zones import figures_of, parse_zone_check, unobserved, zones_alone, zones_in
 from lidarcli.tabular.reading import TableInMemory
 from lidarcli.tabular.writing import TableFiles, table_metadata
 
@@ -180,14 +180,15 @@ def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
 
 
 def judge(
-    checks: Sequence[Check], tables: Sequence[ZoneTables | CountedTables]
+    checks: Sequence[Check], logs: Sequence[tuple[str, ZoneTables | CountedTables]]
 ) -> tuple[list[CheckVerdict], tuple[str, ...], dict[str, float | None]]:
     """Return the verdicts on all logs, a line for each zone that was not observed all the time, and the figures."""
-    if not tables:
+    if not logs:
         return [verdict_of(check, None) for check in checks], (), {}
-    rows = zones_in(dict(enumerate(tables)))
+    rows = zones_in({number: tables for number, (_, tables) in enumerate(logs)})
     figures = figures_of(rows)
-    return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows), figures
+    runs = [zones_alone(*log, checks) for log in logs if any(check.is_of_each for check in checks)]
+    return [held(check, runs, figures, rows) for check in checks], unobserved(checks, rows), figures
 
 
 def write_verdicts(path: Place, overwrite: bool, *told: Any) -> list[str]:
