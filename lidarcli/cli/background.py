@@ -155,7 +155,7 @@ def background_lines(learned: "Learned") -> list[str]:
     lines += [_line("note", note) for note in scene_notes(sensors)]
     for sensor in sensors:
         figures = figures_of(sensor)
-        view = sensor.grid.bearings()
+        view = sensor.grid.bearings
         low, high = math.degrees(view.min(initial=0.0)), math.degrees(view.max(initial=0.0))
         at_a_station = f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
         lines += [

@@ -575,7 +575,7 @@ def _draw_background(axes: Axes, one: Background) -> None:
     posed = bool(one.posed.any())
     x0, y0, yaw = (part if posed else np.zeros(len(one)) for part in (one.poses.x, one.poses.y, one.poses.yaw))
     mirror = np.where(one.poses.upside_down, -1.0, 1.0)
-    direction = yaw[:, None] + mirror[:, None] * one.grid.bearings()
+    direction = yaw[:, None] + mirror[:, None] * one.grid.bearings
     surface = np.isfinite(one.r_e)
     ahead = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     ends = np.stack([x0, y0], axis=-1)[:, None] + np.where(surface, one.r_e, 0.0)[..., None] * ahead

@@ -133,7 +133,7 @@ class Picture:
     @cached_property
     def theta(self) -> Float64:
         """(B,) bearing of every beam [rad]."""
-        theta: Float64 = self.batch.bearings()[0]
+        theta: Float64 = self.batch.bearings[0]
         return theta
 
     @property

@@ -241,10 +241,10 @@ def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -
     path = tmp_path / "run.csv"
     path.write_text("time,r0,r1,r2\n1,1234,500,inf\n")
     (batch,) = lidarcli.read(path, fov=180, degrees=True, range_unit="mm", range_max=5)
-    assert batch.bearings()[0].tolist() == pytest.approx([-np.pi / 2, 0, np.pi / 2])
+    assert batch.bearings[0].tolist() == pytest.approx([-np.pi / 2, 0, np.pi / 2])
     assert batch.ranges[0, :2].tolist() == pytest.approx([1.234, 0.5])
     (other,) = lidarcli.read(path, fov=np.pi, range_unit="mm", range_max=5)
-    np.testing.assert_array_equal(batch.bearings(), other.bearings())
+    np.testing.assert_array_equal(batch.bearings, other.bearings)
     empty = SAMPLES / "room_empty.mcap"
     (one,) = lidarcli.background(empty, station_angle=10.0, station_distance=0.5)
     assert (one.angle, one.distance) == (np.deg2rad(10.0), 0.5)

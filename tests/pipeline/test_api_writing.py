@@ -397,7 +397,7 @@ def test_a_notebook_shows_them_as_a_table() -> None:
 def test_points_lie_where_the_beams_ended() -> None:
     batch = lidarcli.formalism.sweep([[1.0, 2.0, np.inf, 3.0]], angle_min=0.0, angle_increment=np.pi / 2)
     expected = [[[1, 0], [0, 2], [np.nan, np.nan], [0, -3]]]
-    np.testing.assert_allclose(batch.points(), expected, atol=1e-15)
+    np.testing.assert_allclose(batch.points, expected, atol=1e-15)
 
 
 def test_a_batch_as_a_data_frame() -> None:
@@ -433,7 +433,7 @@ def test_a_batch_is_a_sequence_of_sweeps() -> None:
         assert np.shares_memory(one.ranges, batch.ranges)
     assert batch[3:9:2].sweep.tolist() == [3, 5, 7]
     assert batch[[5, 2]].sweep.tolist() == batch[np.array([5, 2])].sweep.tolist() == [5, 2]
-    assert batch[batch.seconds() >= 29].sweep.tolist() == [145, 146, 147, 148, 149]
+    assert batch[batch.seconds >= 29].sweep.tolist() == [145, 146, 147, 148, 149]
     assert len(batch[200:]) == 0
     assert [one.sweep.tolist() for one in batch[:3]] == [[0], [1], [2]]
     assert batch.rows(slice(2, 4)).sweep.tolist() == [2, 3]
