@@ -66,7 +66,7 @@ def build(messages: MessageWriter, options: BuildCommand) -> int:
     path = place(options["output"])
     messages.begin(options)
     sources = chosen_logs(messages, options)
-    refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
+    refuse_output([path, *([place(figure)] if figure else [])], sources, overwrite)
     if options["dry_run"]:
         return print_reads(sources, [options["output"], figure] if figure else [options["output"]])
     building = BackgroundBuilder(

@@ -40,7 +40,7 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
 """Suffixes of files that nobody means as the name of a folder."""
 
 
-class TableGroup(ManyLogs, Stamped, BeamGroup, total=False):
+class TableGroup(ManyLogs, Stamped, total=False):
     """The logs and the tables of `detect` and `track`."""
 
     output: Annotated[
@@ -71,7 +71,7 @@ class TableGroup(ManyLogs, Stamped, BeamGroup, total=False):
     ]
 
 
-class DetectCommand(TableGroup, Detecting, total=False):
+class DetectCommand(TableGroup, BeamGroup, Detecting, total=False):
     """Options of `detect`."""
 
 

@@ -225,6 +225,15 @@ def detect_file(
     yield from waiting
 
 
+class BeamTables(NamedTuple):
+    """Tables that `detect` returns with `beams=True`, with the columns of docs/tables.md."""
+
+    objects: pa.Table
+    """One row per object per sweep."""
+    beams: pa.Table
+    """One row per beam of each sweep: its range, s, set and object."""
+
+
 class _TrackTables(NamedTuple):
     objects: pa.Table
     """One row per object per sweep, with its track."""
@@ -240,9 +249,11 @@ class TrackTables(_TrackTables):
     Attributes
     ----------
     trajectories : one row per track and sweep, from its first sight to its last; None with `trajectories=False`
+    beams : one row per beam of each sweep with `beams=True`, else None
     """
 
     trajectories: pa.Table | None = None
+    beams: pa.Table | None = None
 
 
 def of_logs(

@@ -243,15 +243,15 @@ def sweep_at(source: Source, time: Time, topic: str | None, opening: OpenOptions
     return best
 
 
-def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
-    """Return the picture of one sweep of a batch with its objects (`OptionError` where it is not in the batch)."""
-    rows = np.flatnonzero(batch.sweep == sweep)
-    if not len(rows):
+def pictures_of(batch: SweepBatch, options: PlotOptions) -> tuple[Picture, ...]:
+    """Return the pictures of sweeps of a batch with their objects (`OptionError` where one is not in the batch)."""
+    row, sweeps = {sweep: row for row, sweep in enumerate(batch.sweep.tolist())}, options.sweeps or (0,)
+    if lacking := [sweep for sweep in sweeps if sweep not in row]:
         there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
-        raise OptionError(f"no sweep {sweep} of {batch.topic} in this batch, whose sweeps are {there}")
+        raise OptionError(f"no sweep {lacking[0]} of {batch.topic} in this batch, whose sweeps are {there}")
     name = batch.log or batch.topic.lstrip("/")
-    one = _PictureMaker(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
-    return _centred([one], options.follow, name)[0]
+    make = _PictureMaker(Source(name, name), options).picture
+    return _centred([make(one_sweep(batch, row[sweep])) for sweep in sweeps], options.follow, name)
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +36,7 @@ from lidarcli.reports.drawing import (
     shown_on,
     write_gif,
 )
+from lidarcli.reports.map_picture import MapPicture, map_figure
 from lidarcli.reports.scene import NARROW, Limits, Picture, limits_of, scene
 
 __all__ = ["Axes", "Figure", "figure_of"]
@@ -126,16 +126,6 @@ def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> 
         return file_bytes(figure, suffix, look.dpi)
 
 
-class _Shown(Figure):
-    """A figure without a window, which a notebook shows once."""
-
-    def _repr_png_(self) -> bytes:
-        out = io.BytesIO()
-        with project_style():
-            self.savefig(out, format="png")
-        return out.getvalue()
-
-
 def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, look: Look = AS_IT_COMES) -> Figure:
     """Return the picture as a figure; or draw it on `axes`, one for each panel, and return the figure of these.
 
@@ -147,7 +137,7 @@ def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, l
     limits = limits_of([picture])
     if axes is None:
         with project_style():
-            figure = new_figure(width_of(view, look), kind=_Shown)
+            figure = new_figure(width_of(view, look))
             draw_whole(figure, picture, view, limits, look)
         return figure
     places = places_of(picture, view, limits, look)
@@ -156,6 +146,12 @@ def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, l
     for own, place in zip(axes, places, strict=True):
         draw_panel(own, place.panel(picture, limits))
     return cast("Figure", axes[0].get_figure(root=True))
+
+
+def figure_of_map(picture: MapPicture, look: Look = AS_IT_COMES) -> Figure:
+    """Return a map as a figure, which a notebook shows."""
+    with project_style({"axes.grid": False}):
+        return map_figure(picture, look=look)
 
 
 def animate(
