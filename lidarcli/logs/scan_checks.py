@@ -5,6 +5,7 @@ They are collected whenever sweeps are read, in the order of the log, after `ran
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Collection
 from functools import partial
@@ -20,6 +21,7 @@ from lidarcli.sweeps.finding_rules import (
     FEW,
     FINEST_STEP,
     LONG_RANGE,
+    MEET,
     OFTEN,
     SOME,
     SWEEP_RULES,
@@ -55,6 +57,10 @@ REMEDIES = {
 """Remedies by the main cause of missing ranges."""
 ZEROS = TURN / 8
 """Least view of zeros, or of absurd values, that is reported [rad]: nothing may be there, or nothing was measured."""
+HALF, ALIKE = 0.03, 0.03
+"""Deviation of a view from half a turn, as a share of a turn, and of its last range from its first one, as a share."""
+MIN_SEAMS, MOVES = 20, 0.05
+"""Fewest sweeps that show a seam, and least deviation of their first ranges [m]: who is parked may be in the middle."""
 Went = Callable[[str, str, Int64, Int64], Bool]
 """Returns whether the sensor of a topic and frame has moved between two stamps each (S,) [ns], by logged poses."""
 
@@ -181,6 +187,9 @@ class SweepStats:
     zeros: int = 0
     """Sweeps that were examined; `zeros` counts those with a view of zeros, of which `most_zeros` is the widest [rad]."""
     most_zeros: float = 0.0
+    seam: Float64 = field(default_factory=lambda: np.zeros(7))
+    """Of sweeps of half a turn by their header: number of those with a first and a last range, and with alike ones; sums of
+    these ranges [m], of their squares, and of their products."""
     blind: int = 0
     """Sweeps without any range."""
     frozen: int = 0
@@ -203,6 +212,7 @@ class SweepStats:
             self._take_ranges(raw, batch, slice(first))
             self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
+        self._take_seam(raw, batch)
         same, frozen = self._compare(raw, went)
         self._take_repeats(raw, batch, same)
         frozen &= batch.observed
@@ -236,6 +246,8 @@ class SweepStats:
         stats = SimpleNamespace(
             **{each.name: getattr(self, each.name) for each in fields(self)},
             is_far=self.is_far,
+            is_half=self.is_half,
+            meet=round(float(self.seam[1] / max(self.seam[0], 1.0)), 3),
             zeros_share=self.zeros / max(self.examined, 1),
             zeros_degrees=np.degrees(self.most_zeros),
             clock=clock,
@@ -369,6 +381,28 @@ class SweepStats:
                 is_cut = raw.beams[row] == PLOTTED and PLOTTED < beams <= MAX_BEAMS
                 self.cut = f", for {PLOTTED} of {beams:,.0f} beams are there: PlotJuggler cuts arrays" if is_cut else ""
             self.off += int(np.count_nonzero(off))
+
+    def _take_seam(self, raw: RawSweeps, batch: SweepBatch) -> None:
+        """Compare the first range with the last one of sweeps of half a turn: where a whole turn is told so, they meet."""
+        half = np.abs(2.0 * raw.beams * np.abs(raw.angle_increment) - TURN) < HALF * TURN
+        rows = np.flatnonzero(half & (raw.beams > 2))
+        if not len(rows):
+            return
+        ends = np.array([batch.ranges[rows, 0], batch.ranges[rows, raw.beams[rows] - 1]], np.float64)
+        first, last = ends[:, np.isfinite(ends).all(axis=0)]
+        alike = np.abs(first - last) < ALIKE * np.maximum(first, last)
+        sums = (first, last, first**2, last**2, first * last)
+        self.seam += [len(first), np.count_nonzero(alike), *(each.sum() for each in sums)]
+
+    @property
+    def is_half(self) -> bool:
+        """True where the ends of half a turn meet wherever the sensor is: it is a whole one."""
+        count, alike, first, last, *squares = self.seam.tolist()
+        if count < MIN_SEAMS or alike < MEET * count:
+            return False
+        means = ((first, first), (last, last), (first, last))
+        own, other, both = (each / count - a * b / count**2 for each, (a, b) in zip(squares, means, strict=True))
+        return bool(min(own, other) > MOVES**2 and both > MEET * math.sqrt(own * other))
 
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
         """Count the causes of missing ranges."""

@@ -144,6 +144,7 @@ def _mend(
     hidden: float | None,
     order: str,
     units: tuple[float, float],
+    steps: float,
 ) -> tuple[Mend, dict[str, str]]:
     """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
     # Most copies mend nothing, and should not wait for this import.
@@ -170,7 +171,7 @@ def _mend(
     # Stamps of ROS 2 end there.
     right = np.where((new >= 0) & (new < (1 << 31) * SECOND_NS), new, -1)
     turn = _turn_time(np.sort(times), sweeps.scan_time)
-    steps: dict[str, Step] = {
+    rules: dict[str, Step] = {
         "frames": partial(mends.name_frame, frame=frame),
         "clock": partial(mends.stamp, stamp_ns=right),
         "stamps": partial(mends.stamp, stamp_ns=right),
@@ -179,12 +180,12 @@ def _mend(
         "mask": partial(fill, status=Status.MASKED, value=hidden),
         "intensities": mends.reverse_intensities,
         "beams": partial(mends.put_on, first=first, spacing=step, beams=int(usual)),
-        "angles": mends.end,
+        "angles": partial(mends.end, steps=steps),
         "order": mends.turn_round,
         **({} if units == (1.0, 1.0) else {"units": partial(mends.convert, angle=units[0], length=units[1])}),
         **({"times": partial(mends.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
     }
-    mend.steps = {word: step for word, step in steps.items() if word in words and not cannot.get(word)}
+    mend.steps = {word: step for word, step in rules.items() if word in words and not cannot.get(word)}
     return mend, {word: cause for word, cause in cannot.items() if cause}
 
 
@@ -239,7 +240,7 @@ def plan(
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if requested & {FOUND, "units", *MOVING}:
+    if requested & {FOUND, "units", "angles", *MOVING}:
         from lidarcli.pipeline.inspecting import inspect_log
 
         poses = replace(detect.poses, delay=None)
@@ -267,8 +268,18 @@ def plan(
         fixes = {one.fix.text for one in found if one.mend == "units" and one.topic == name and one.fix}
         length = next((unit for unit in ("mm", "cm") if f"--range-unit {unit}" in fixes), "m")
         units = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS[length]
+        steps = 2.0 if any("meet" in one.evidence and one.topic == name for one in found) else 1.0
         mend, cannot = _mend(
-            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name], units
+            topics[name],
+            seen[name],
+            words[name],
+            tracks,
+            detect.read.rules.limits,
+            shift,
+            hidden,
+            orders[name],
+            units,
+            steps,
         )
         done.topics[name] = mend
         for word, cause in cannot.items():
