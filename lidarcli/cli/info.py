@@ -203,7 +203,7 @@ def _log_lines(info: "LogInfo", zone: "TimeZone", every: bool) -> list[str]:
     if (words := info.mends) and info.format.startswith(("mcap", "ros")) and not info.parts and info.size is not None:
         path = PurePath(info.path)
         names = " -o ".join(shlex.quote(str(each)) for each in (path, path.with_name(f"{path.stem}.mended{path.suffix}")))
-        lines += ["  to mend them in a copy:", f"    lidarcli clean {names} --remove none --mend {','.join(words)}"]
+        lines += ["  to mend them in a copy:", f"    lidarcli clean {names} --mend {','.join(words)}"]
     return lines
 
 

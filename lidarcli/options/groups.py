@@ -195,8 +195,8 @@ class Cleaning(
     TopicGroup, WindowGroup, RunGroup, PoseGroup, Delay, ObjectParameters, LimitsGroup, Jobs, Around, total=False
 ):
     remove: Annotated[
-        str | Iterable[str],
-        Option(CHANGES, Text("LIST", parse_removed, is_list=True), "agents"),
+        str | Iterable[str] | None,
+        Option(CHANGES, Text("LIST", parse_removed, is_list=True), shown="agents; with --mend, --merge or a part none"),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary "
         "(what stands where the place was also seen free); or none.",
     ]

@@ -475,6 +475,7 @@ FIXES: dict[str, tuple[Change, str]] = {
     "in turns": (in_turns, "frames --every 2"),
     "twice": (twice, "duplicate --every 2"),
     "time_increment": (scaled(time_increment=0.5), "rolling --no-deskew"),
+    "codes": (lambda raw: filled(0.05, 0.004)(scaled(range_min=0.0)(raw)), "codes --range 0.02 12"),
 }
 """Fault → its change of a sound log, and the rule that finds it with its fix."""
 

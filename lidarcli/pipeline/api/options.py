@@ -19,7 +19,7 @@ from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.open_options import open_options, range_rules
-from lidarcli.options.choices import MAP, NS, TRAIL
+from lidarcli.options.choices import MAP, NS, REMOVABLE, TRAIL
 from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
@@ -199,9 +199,14 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     from lidarcli.pipeline.clean.options import CleanOptions
 
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
+    remove = options["remove"]
+    if remove is None:
+        # Who asks for another job has not asked for this one.
+        others = ("mend", "merge", "clips", "start", "end", "run")
+        remove = REMOVABLE[0] if all(options[name] is None for name in others) else NONE
     return CleanOptions(
         detect_options({**options, "catalogue": None}, logs, tracking_of()),
-        remove=_words("remove", options["remove"], parse_removed) - {NONE},
+        remove=_words("remove", remove, parse_removed) - {NONE},
         value=parse_value(str(options["value"])),
         overwrite=overwrite,
         mend=given(lambda words: _words("mend", words, parse_mends), options["mend"]),
