@@ -318,7 +318,7 @@ class _PictureMaker:
             batch=batch,
             detection=detection,
             profile=parameters.profile,
-            threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
+            threshold=threshold if isinstance(threshold, str) else "given",
             # Not static objects that are hidden: a crowd hides dozens.
             tracks=None
             if paths is None

@@ -91,7 +91,7 @@ class Picture:
     detection: Detection
     profile: str
     threshold: str
-    """`adaptive`, `mean` or `0.3 m`."""
+    """`adaptive`, `mean` or `given`."""
     background: Float64 | None = None
     """(B,) r_e, the range without the objects of interest [m]; NaN where unknown."""
     difference: Float64 | None = None

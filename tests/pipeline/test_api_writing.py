@@ -259,6 +259,8 @@ def test_how_large_it_is_and_what_it_says() -> None:
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(89)
     assert figure._suptitle is None
     assert not figure.legends
+    title = " ".join(lidarcli.plot(ROOM, 34, view="scene", threshold=0.3)._suptitle.get_text().split())
+    assert "$d_{th}$ = 0.3 m (given), " in title
 
 
 def test_on_axes_that_somebody_has() -> None:
