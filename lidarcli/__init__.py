@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.logs import background, clean, diff, info, map, overlay, poses, read, simulate, zones
     from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.api.tables import Tables, detect, export, tables, track
-    from lidarcli.pipeline.detecting import BeamTables, TrackTables
+    from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differences.changes import Difference
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.zones.summary import ZoneTables
@@ -49,7 +49,7 @@ _HOMES = {
     "lidarcli.pipeline.api.logs": _OF_LOGS,
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.api.tables": ("Tables", "detect", "export", "tables", "track"),
-    "lidarcli.pipeline.detecting": ("BeamTables", "TrackTables"),
+    "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differences.changes": ("Difference",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
     "lidarcli.pipeline.zones.summary": ("ZoneTables",),
@@ -61,17 +61,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = ["__version__", "formalism", "read_catalogue"]
 __all__ += ["LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"]
-__all__ += [
-    "Background",
-    "BeamTables",
-    "Catalogue",
-    "Difference",
-    "Occupancy",
-    "Parameters",
-    "RunReport",
-    "Simulated",
-    "Status",
-]
+__all__ += ["Background", "Catalogue", "Difference", "Occupancy", "Parameters", "RunReport", "Simulated", "Status"]
 __all__ += ["SweepBatch", "SweepPoses", "Tables", "TrackTables", "ZoneTables"]
 __all__ += ["background", "clean", "detect", "diff", "export", "info", "map", "overlay", "plot", "poses"]
 __all__ += ["read", "report", "simulate", "tables", "track", "zones"]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
-from lidarcli.cli.commands import command, log_options, usage_errors
+from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import MessageWriter, chosen_logs, frame_words, line_of, lines_of_page, print_reads, progress_bar
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import alike, counted, moment, no_command
@@ -85,17 +85,23 @@ def info(messages: MessageWriter, options: InfoCommand) -> int:
     read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.pipeline.inspecting import LogInfo, inspect_logs, judge_checks, refuse_fixes, understand_checks
+    from lidarcli.files.newfiles import refuse
+    from lidarcli.pipeline.inputs.search import files_of
+    from lidarcli.pipeline.inspecting import FIXES, LogInfo, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.reading.needs import Need
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(options["check"], deep, site is not None)
     paths = [place(name) for name in outputs]
+    if unknown := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
+        raise click.UsageError(f"-o {unknown[0]}: the suffix is none of {', '.join(FIXES)}")
     sources = chosen_logs(messages, options)
-    with usage_errors():
-        refuse_fixes(paths, sources, options["overwrite"] or options["dry_run"])
+    if paths and len(sources) != 1:
+        raise click.UsageError(f"-o is for one log, and these are {len(sources):,}")
     if options["dry_run"]:
         return print_reads(sources, [str(path) for path in paths])
+    if paths:
+        refuse(paths, options["overwrite"], files_of(sources))
     need = Need.NONE if brief and not (checks or deep or site) else Need.TOLD
     wanted = {"opening": opening, "read": read, "poses_from": poses, "deep": deep, "site": site, "need": need}
     infos: list[LogInfo | Learned] = []
@@ -131,11 +137,12 @@ def info(messages: MessageWriter, options: InfoCommand) -> int:
 
 def _write_fixes(messages: MessageWriter, logs: Sequence["LogInfo"], paths: Sequence[Place], overwrite: bool) -> None:
     """Write how to fix the log, where there is anything to fix."""
-    from lidarcli.pipeline.inspecting import write_fix
+    from lidarcli.files.newfiles import write_whole
+    from lidarcli.pipeline.inspecting import fix_text
 
     for path in paths:
-        if logs and (notes := write_fix(logs[0], path, overwrite)) is not None:
-            messages.notes(notes)
+        if logs and (text := fix_text(logs[0], path.suffix)):
+            messages.notes(write_whole(path, text.encode(), overwrite))
             messages.wrote([path])
         else:
             messages.info(f"{path} is not written: there is nothing to fix")

@@ -55,7 +55,7 @@ def plot(messages: MessageWriter, options: Mapping[str, Any]) -> int:
     from lidarcli.pipeline.api import drawing
     from lidarcli.pipeline.api.options import plot_options
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.plotting import picture_bytes
+    from lidarcli.pipeline.plotting import picture_bytes, write_pictures
     from lidarcli.pipeline.runs.over_logs import progress_of
 
     with usage_errors():
@@ -76,7 +76,7 @@ def plot(messages: MessageWriter, options: Mapping[str, Any]) -> int:
         standard_output().buffer.write(picture_bytes(pictures[0], view, ".png", look))
     else:
         with counted_bar(paths[0].name, len(pictures), "frames" if animate else "pictures", messages) as report:
-            notes = drawing.write_drawn(paths, pictures, options, options["overwrite"], look, report)
+            notes = write_pictures(paths, pictures, view, options["overwrite"], look, report)
         messages.wrote(paths)
         messages.notes(notes)
     for line in drawn.damage:

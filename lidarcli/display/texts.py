@@ -183,20 +183,10 @@ def alike(lines: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
         groups.setdefault((_VARYING.sub("*", line), below), []).append(line)
     found = []
     for (_, below), each in groups.items():
-        words = [_VARYING.findall(line) for line in each]
-        # Names tell more than numbers.
-        names = [
-            next(
-                (other for one, other in sorted(zip(words[0], some, strict=True), key=_is_number) if one != other), "again"
-            )
-            for some in words[1:]
-        ]
+        first, *others = (_VARYING.findall(line) for line in each)
+        names = [next((word for word, one in zip(words, first, strict=True) if word != one), "again") for words in others]
         found += [(f"{each[0]} (alike: {some_of(names)})", below)] if len(each) > 2 else [(line, below) for line in each]
     return found
-
-
-def _is_number(pair: tuple[str, str]) -> bool:
-    return pair[1].lstrip("-+.")[:1].isdigit()
 
 
 def nearest(name: str, known: Iterable[str]) -> list[str]:

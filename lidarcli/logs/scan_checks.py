@@ -5,7 +5,6 @@ They are collected whenever sweeps are read, in the order of the log, after `ran
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Collection
 from functools import partial
@@ -59,8 +58,8 @@ ZEROS = TURN / 8
 """Least view of zeros, or of absurd values, that is reported [rad]: nothing may be there, or nothing was measured."""
 HALF, ALIKE = 0.03, 0.03
 """Deviation of a view from half a turn, as a share of a turn, and of its last range from its first one, as a share."""
-MIN_SEAMS, MOVES = 20, 0.05
-"""Fewest sweeps that show a seam, and least deviation of their first ranges [m]: who is parked may be in the middle."""
+MIN_SEAMS, MAX_SEAMS = 20, 4096
+"""Fewest sweeps that show a seam, and the most that are kept."""
 Went = Callable[[str, str, Int64, Int64], Bool]
 """Returns whether the sensor of a topic and frame has moved between two stamps each (S,) [ns], by logged poses."""
 
@@ -187,9 +186,8 @@ class SweepStats:
     zeros: int = 0
     """Sweeps that were examined; `zeros` counts those with a view of zeros, of which `most_zeros` is the widest [rad]."""
     most_zeros: float = 0.0
-    seam: Float64 = field(default_factory=lambda: np.zeros(7))
-    """Of sweeps of half a turn by their header: number of those with a first and a last range, and with alike ones; sums of
-    these ranges [m], of their squares, and of their products."""
+    rims: Float64 = field(default_factory=lambda: np.zeros((2, 0)))
+    """First and last ranges of sweeps of half a turn by their header [m], at most `MAX_SEAMS`."""
     blind: int = 0
     """Sweeps without any range."""
     frozen: int = 0
@@ -246,8 +244,7 @@ class SweepStats:
         stats = SimpleNamespace(
             **{each.name: getattr(self, each.name) for each in fields(self)},
             is_far=self.is_far,
-            is_half=self.is_half,
-            meet=round(float(self.seam[1] / max(self.seam[0], 1.0)), 3),
+            meet=self.meet,
             zeros_share=self.zeros / max(self.examined, 1),
             zeros_degrees=np.degrees(self.most_zeros),
             clock=clock,
@@ -389,20 +386,14 @@ class SweepStats:
         if not len(rows):
             return
         ends = np.array([batch.ranges[rows, 0], batch.ranges[rows, raw.beams[rows] - 1]], np.float64)
-        first, last = ends[:, np.isfinite(ends).all(axis=0)]
-        alike = np.abs(first - last) < ALIKE * np.maximum(first, last)
-        sums = (first, last, first**2, last**2, first * last)
-        self.seam += [len(first), np.count_nonzero(alike), *(each.sum() for each in sums)]
+        self.rims = np.hstack([self.rims, ends[:, np.isfinite(ends).all(axis=0)]])[:, :MAX_SEAMS]
 
     @property
-    def is_half(self) -> bool:
-        """True where the ends of half a turn meet wherever the sensor is: it is a whole one."""
-        count, alike, first, last, *squares = self.seam.tolist()
-        if count < MIN_SEAMS or alike < MEET * count:
-            return False
-        means = ((first, first), (last, last), (first, last))
-        own, other, both = (each / count - a * b / count**2 for each, (a, b) in zip(squares, means, strict=True))
-        return bool(min(own, other) > MOVES**2 and both > MEET * math.sqrt(own * other))
+    def meet(self) -> float:
+        """Share of the sweeps of half a turn in which both ends have one range; 0 where these are not related."""
+        if self.rims.shape[1] < MIN_SEAMS or not self.rims.std(axis=1).all() or np.corrcoef(*self.rims)[0, 1] < MEET:
+            return 0.0
+        return round(float((np.abs(np.subtract(*self.rims)) < ALIKE * self.rims.max(axis=0)).mean()), 3)
 
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
         """Count the causes of missing ranges."""

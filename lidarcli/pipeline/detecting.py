@@ -225,15 +225,6 @@ def detect_file(
     yield from waiting
 
 
-class BeamTables(NamedTuple):
-    """Tables that `detect` returns with `beams=True`, with the columns of docs/tables.md."""
-
-    objects: pa.Table
-    """One row per object per sweep."""
-    beams: pa.Table
-    """One row per beam of each sweep: its range, s, set and object."""
-
-
 class _TrackTables(NamedTuple):
     objects: pa.Table
     """One row per object per sweep, with its track."""

@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.files.newfiles import refuse, write_whole
-from lidarcli.files.stores import Place
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.clock import ClockInfo
@@ -28,7 +26,6 @@ from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.options.choices import MENDS
 from lidarcli.pipeline.inputs.laser_filters import View, filter_text
 from lidarcli.pipeline.inputs.masks import mask_text
-from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.found_poses import FoundPoses, PoseInfo, pose_infos
 from lidarcli.pipeline.reading.masking import masking_of
@@ -386,21 +383,6 @@ def fix_text(info: LogInfo, suffix: str) -> str:
         ends = np.append(ends, high + max(scan.view.high * np.sign(scan.increment.high), 0.0))
         views[scan.topic] = views.get(scan.topic, Span()).with_values(ends)
     return filter_text(info.learned, [View(topic, span.low, span.high) for topic, span in views.items()])
-
-
-def refuse_fixes(paths: Sequence[Place], sources: Sequence[Source | MissingInput], overwrite: bool) -> None:
-    """Refuse files of fixes that cannot be written (`OptionError`, `OutputError`)."""
-    if unknown := [path for path in paths if path.suffix not in FIXES]:
-        raise OptionError(f"--output: {unknown[0]}: the suffix is none of {', '.join(FIXES)}")
-    if paths and len(sources) != 1:
-        raise OptionError(f"--output is for one log, and these are {len(sources):,}")
-    refuse(paths, overwrite, files_of(sources))
-
-
-def write_fix(info: LogInfo, path: Place, overwrite: bool) -> list[str] | None:
-    """Write how to fix a log; notes as of `NewFiles.publish`, None where there is nothing to fix."""
-    text = fix_text(info, path.suffix)
-    return write_whole(path, text.encode(), overwrite) if text else None
 
 
 def inspect_logs(

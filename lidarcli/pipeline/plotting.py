@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice, nothing_read
-from lidarcli.options.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
+from lidarcli.options.choices import ANIMATIONS, AS_IT_COMES, MATCH, TRAIL, Look
 from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant, Time, TimeOfDay, TimeZone
 from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
@@ -422,48 +422,27 @@ def followed(
 
 def write_pictures(
     paths: Sequence[Place],
-    pictures: Sequence[Picture | MapPicture],
+    pictures: Sequence[Any],
     view: str,
     overwrite: bool,
     look: Look = AS_IT_COMES,
     report: Callable[[int], None] | None = None,
 ) -> list[str]:
-    """Write each picture to its file; `report` takes the number of those that are done. Notes as of `NewFiles.publish`.
+    """Write each picture to its file, or all as one that moves, by its suffix; notes as of `NewFiles.publish`.
 
-    Raises
-    ------
-    OptionError
-        A suffix is none of a picture.
-    OutputError
-        A file cannot be written.
+    `report` takes the number of those that are done. `OutputError`: a file cannot be written.
     """
-    for path in paths:
-        if path.suffix.lower() not in IMAGES:
-            raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
+    if paths[0].suffix.lower() in ANIMATIONS:
+        with NewFiles(paths, overwrite) as new:
+            with writing(paths[0]):
+                animate(pictures, view, new.part(paths[0]), look, report)
+            return new.publish()
     notes: list[str] = []
     for number, (path, picture) in enumerate(zip(paths, pictures, strict=True), 1):
         notes += write_whole(path, picture_bytes(picture, view, path.suffix.lower(), look), overwrite)
         if report is not None:
             report(number)
     return notes
-
-
-def write_animation(
-    path: Place,
-    pictures: Sequence[Picture],
-    view: str,
-    overwrite: bool,
-    look: Look = AS_IT_COMES,
-    report: Callable[[int], None] | None = None,
-) -> list[str]:
-    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`.
-
-    `report` hears of the number of frames that are drawn.
-    """
-    with NewFiles([path], overwrite) as new:
-        with writing(path):
-            animate(pictures, view, new.part(path), look, report)
-        return new.publish()
 
 
 def take_map(

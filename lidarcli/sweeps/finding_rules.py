@@ -130,7 +130,7 @@ SWEEP_RULES = (
     Rule(
         "geometry",
         "error",
-        lambda s: s.is_half,
+        lambda s: s.meet > MEET,
         "{name}: its half turn ends where it begins: angle_increment is half of what it should be",
         "meet view",
         {"meet": MEET},
@@ -147,7 +147,7 @@ SWEEP_RULES = (
     Rule(
         "geometry",
         "warning",
-        lambda s: s.off and not s.wide and not s.fine and not s.is_half,
+        lambda s: s.off and not s.wide and not s.fine and s.meet <= MEET,
         "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used"
         "{0.cut} ({0.off:,} of {0.sweeps:,} sweeps)",
         "angle_max last_beam sweeps=off",

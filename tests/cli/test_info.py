@@ -302,8 +302,8 @@ def test_a_closer_look_reads_twice(process: Callable[..., Any], folder: Path) ->
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--deep", "-o", "robot.json"], "'--output': robot.json: the suffix is none of .toml, .yaml"),
-        (["odd.mcap", "--deep", "-o", "robot.toml"], "--output is for one log, and these are 2"),
+        (["--deep", "-o", "robot.json"], "-o robot.json: the suffix is none of .toml, .yaml"),
+        (["odd.mcap", "--deep", "-o", "robot.toml"], "-o is for one log, and these are 2"),
     ],
 )
 def test_refusals(lidarcli: Run, words: list[str], says: str) -> None:

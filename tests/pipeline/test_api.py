@@ -424,7 +424,10 @@ SHELL_OF = {
         for each in ("detect", "track", "background subtract", "zones", "map", "poses", "clean")
     },
     ("map", "jobs"): "Python works in its own process",
-    ("info", "check"): "the findings are in what is returned",
+    **dict.fromkeys(
+        (("info", "check"), ("info", "output"), ("info", "overwrite")),
+        "what is returned has the findings, and their fixes as text",
+    ),
     ("poses", "check"): "the column map_state tells",
 }
 """Those of one command."""

@@ -23,8 +23,6 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError, UnreadableError
 from lidarcli.pipeline.api.options import several
-from lidarcli.pipeline.reading import deep
-from lidarcli.sweeps.masks import Masks, Mount
 from lidarcli.sweeps.types import STATUSES
 from tests.cli.test_progress import terminal
 from tests.places import SAMPLES
@@ -379,21 +377,7 @@ def test_beams_of_the_objects_in_memory() -> None:
     assert objects.equals(lidarcli.detect(ROOM, end=1.0))
     assert lidarcli.report(lidarcli.detect(ROOM, end=1.0, beams=True)).figures["sweeps"] == 10
     (batch,) = lidarcli.read(ROOM, end=1.0)
-    assert lidarcli.detect(batch, beams=True).beams["s"].equals(beams["s"])
-
-
-def test_what_mends_a_log_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    looked = deep.DeepFindings((), Masks(()), (Mount("laser", "base_link", -0.13, 0.0, 0.0),))
-    monkeypatch.setattr(deep, "deep_findings", lambda *_: looked)
-    file = tmp_path / "robot.toml"
-    lidarcli.info(ROOM, file, deep=True)
-    assert "[[mount]]" in file.read_text("utf-8")
-    with pytest.raises(OutputError):
-        lidarcli.info(ROOM, file, deep=True)
-    with pytest.warns(UserWarning, match=r"new.yaml is not written: there is nothing to fix"):
-        lidarcli.info(ROOM, tmp_path / "new.yaml")
-    with pytest.raises(OptionError, match=r"^--output: x\.json: the suffix is none of \.toml, \.yaml$"):
-        lidarcli.info(ROOM, "x.json")
+    assert lidarcli.detect(batch, beams=True)[1]["s"].equals(beams["s"])
 
 
 def test_a_background_is_drawn_and_an_event_explained(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from os import PathLike, fspath
@@ -17,16 +16,7 @@ from lidarcli.options.values import STDOUT, AnyPath, parse_numbers
 from lidarcli.pipeline.api.options import Values, detect_options, listed, log_options, place_of, several, tracking_of
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.plotting import (
-    Drawn,
-    PlotOptions,
-    followed,
-    sweep_at,
-    take_map,
-    take_pictures,
-    write_animation,
-    write_pictures,
-)
+from lidarcli.pipeline.plotting import Drawn, PlotOptions, followed, sweep_at, take_map, take_pictures
 from lidarcli.pipeline.reading.one_log import Progress
 
 
@@ -88,10 +78,8 @@ def draw_log(source: Source, options: Values, wanted: PlotOptions, progress: Pro
         unread = {"topic": None, "start": None, "end": None}
         if _is_log(options):
             every = {**options, **unread, "background": None, "catalogue": None, "jobs": 0}
-            detect = detect_options(every, log_options(every), tracking_of())
-            wanted = replace(
-                wanted, tracks=followed(source, wanted.zones, detect, stack.enter_context(scratch_folder()), progress)
-            )
+            detect, folder = detect_options(every, log_options(every), tracking_of()), stack.enter_context(scratch_folder())
+            wanted = replace(wanted, tracks=followed(source, wanted.zones, detect, folder, progress))
         if options["view"] != MAP:
             return take_pictures(source, wanted, progress)
         # Only a map needs this import.
@@ -101,17 +89,3 @@ def draw_log(source: Source, options: Values, wanted: PlotOptions, progress: Pro
         parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
         only = listed(options["only"], parse_numbers)
         return take_map(source, parsed, wanted.sweeps, wanted.tracks, only, options["density"], progress)
-
-
-def write_drawn(
-    paths: Sequence[Place],
-    pictures: Sequence[Any],
-    options: Values,
-    overwrite: bool,
-    look: Look,
-    report: Callable[[int], None] | None = None,
-) -> list[str]:
-    """Write pictures, each to its file, or as one that moves; arguments and notes as of `write_pictures`."""
-    if options["animate"]:
-        return write_animation(paths[0], pictures, options["view"], overwrite, look, report)
-    return write_pictures(paths, pictures, options["view"], overwrite, look, report)

@@ -65,7 +65,7 @@ from lidarcli.pipeline.differences.comparison import diff_inputs
 from lidarcli.pipeline.differences.inputs import inputs_of
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inspecting import info_dict, inspect_log, refuse_fixes, write_fix
+from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.localising import localise, read_site, refuse_judged
 from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.overlay.files import refuse_overlay, write_overlay
@@ -129,17 +129,12 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
 
 
 @with_keywords()
-def info(
-    log: Paths, output: Paths = (), overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Inspecting]
-) -> list[dict[str, Any]]:
+def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
     """Topics, sweeps, geometry, clocks, beams, poses, findings and damage of a log, which is read from end to end.
 
     Parameters
     ----------
     log : as of `read`
-    output : files to write with what mends one log, where there is anything: .toml for `mask`, .yaml for laser_filters of
-        ROS (docs/info.md)
-    overwrite : True to replace files that exist
 
     Returns
     -------
@@ -150,18 +145,14 @@ def info(
     ------
     UnreadableError, OptionError
         As of `read`. A log without LaserScan is warned of.
-    OutputError
-        A file exists, or cannot be written.
     """
     read, opening, poses = log_options(options)
     deep, site = options["deep"], given(fspath, options["map"])
-    sources, paths = sources_of(log, options["join"]), [place(each) for each in several(output)]
-    refuse_fixes(paths, sources, overwrite)
-    found = over_logs(sources, progress, lambda source, bar: inspect_log(source, opening, read, poses, bar, deep, site))
-    for path in paths:
-        notes = write_fix(found[0], path, overwrite)
-        for note in [f"{path} is not written: there is nothing to fix"] if notes is None else notes:
-            warn(note)
+    found = over_logs(
+        sources_of(log, options["join"]),
+        progress,
+        lambda source, bar: inspect_log(source, opening, read, poses, bar, deep, site),
+    )
     return [info_dict(each) for each in found]
 
 

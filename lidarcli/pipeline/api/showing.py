@@ -16,12 +16,12 @@ from lidarcli.options.forms import options_of, refuse_combinations
 from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting, SweepGroup
 from lidarcli.options.reading import Delay, Joining, PoseGroup, Ranges, WindowGroup
 from lidarcli.options.values import AnyPath, Changed, Paths, TableOrPath, Tables
-from lidarcli.pipeline.api.drawing import at_its_time, draw_log, look_of, refuse_suffix, refused, write_drawn
+from lidarcli.pipeline.api.drawing import at_its_time, draw_log, look_of, refuse_suffix, refused
 from lidarcli.pipeline.api.keywords import with_keywords
 from lidarcli.pipeline.api.options import Values, listed, plot_options, refuse_reading, several, time_zone_of
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
-from lidarcli.pipeline.plotting import Drawn, PlotOptions, pictures_of
+from lidarcli.pipeline.plotting import Drawn, PlotOptions, pictures_of, write_pictures
 from lidarcli.pipeline.reporting import ReportOptions, checks_of, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import CheckVerdict
 from lidarcli.reports.map_picture import MapPicture
@@ -93,7 +93,7 @@ def plot(
         drawn = draw_log(source, values, wanted)
         for line in drawn.damage:
             warn(f"{source.label}: {line}")
-    for note in write_drawn(paths, drawn.pictures, values, overwrite, look) if paths else ():
+    for note in write_pictures(paths, drawn.pictures, options["view"], overwrite, look) if paths else ():
         warn(note)
     first = drawn.pictures[0]
     if isinstance(first, MapPicture):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import pyarrow as pa
 
@@ -28,7 +28,7 @@ from lidarcli.pipeline.api.options import (
     refuse_reading,
     tracking_of,
 )
-from lidarcli.pipeline.detecting import BeamTables, TrackTables, of_batches, of_logs
+from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import remember_sweeps, tables_to_export
 from lidarcli.sweeps.types import SweepBatch
@@ -43,24 +43,6 @@ if TYPE_CHECKING:
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
 
-@overload
-def detect(
-    log: LogsOrBatches,
-    parameters: Parameters | None = ...,
-    *,
-    beams: Literal[False] = ...,
-    progress: Progress = ...,
-    **options: Unpack[Detecting],
-) -> pa.Table: ...
-@overload
-def detect(
-    log: LogsOrBatches,
-    parameters: Parameters | None = ...,
-    *,
-    beams: Literal[True],
-    progress: Progress = ...,
-    **options: Unpack[Detecting],
-) -> BeamTables: ...
 @with_keywords()
 def detect(
     log: LogsOrBatches,
@@ -69,7 +51,7 @@ def detect(
     beams: bool = False,
     progress: Progress = False,
     **options: Unpack[Detecting],
-) -> pa.Table | BeamTables:
+) -> pa.Table:
     """The objects of every sweep as a table.
 
     Parameters
@@ -82,18 +64,17 @@ def detect(
     Returns
     -------
     pyarrow.Table
-        One row per object per sweep (docs/tables.md); `.to_pandas()` makes a data frame of it. With `beams=True` the two
-        tables `objects` and `beams`.
+        One row per object per sweep (docs/tables.md); `.to_pandas()` makes a data frame of it. With `beams=True` a tuple of
+        this table and that of the beams.
 
     Raises
     ------
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    more = ["beams"] if beams else []
-    made = _found(log, ["objects", "sweeps", *more], parameters, options, memory_of(options), progress)
+    made = _found(log, ["objects", "sweeps", *["beams"] * beams], parameters, options, memory_of(options), progress)
     remember_sweeps(objects := made["objects"], made.pop("sweeps"))
-    return BeamTables(**made) if more else objects
+    return (objects, made["beams"]) if beams else objects
 
 
 @with_keywords()
