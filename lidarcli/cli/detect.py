@@ -27,7 +27,7 @@ from lidarcli.files.stores import Place, absolute, is_url, place
 from lidarcli.options.choices import TABLE_BY_SUFFIX
 from lidarcli.options.common import ManyLogs, Stamped, output
 from lidarcli.options.forms import Option, Text
-from lidarcli.options.objects import BeamGroup, Detecting, Tracking
+from lidarcli.options.objects import Detecting, Tracking
 from lidarcli.options.values import MANY, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class TableGroup(ManyLogs, Stamped, total=False):
     ]
 
 
-class DetectCommand(TableGroup, BeamGroup, Detecting, total=False):
+class DetectCommand(TableGroup, Detecting, total=False):
     """Options of `detect`."""
 
 

@@ -309,12 +309,7 @@ class Plotting(WindowGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, tota
     ]
     dpi: Annotated[
         int | None,
-        Option(
-            LOOK,
-            Number("N", *choices.PICTURE_DPI, whole=True),
-            shown=f"200; with --animate {choices.ANIMATED_DPI}",
-            rare=True,
-        ),
+        Option(LOOK, Number("N", *choices.PICTURE_DPI, whole=True), shown=f"200; moving {choices.ANIMATED_DPI}", rare=True),
         "Pixels per inch of PNG and of animations.",
     ]
     fps: Annotated[

@@ -126,7 +126,7 @@ class BeamGroup(TypedDict, total=False):
     beams: Annotated[bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."]
 
 
-class Detecting(FindingGroup, total=False):
+class Detecting(FindingGroup, BeamGroup, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, False, both=True, rare=True), _MEMORY]
 
 

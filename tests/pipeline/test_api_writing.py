@@ -246,6 +246,13 @@ def test_a_batch_is_drawn_like_its_log(tmp_path: Path) -> None:
     assert dots[0] == dots[1]
 
 
+def test_tables_in_a_file_are_drawn_over_a_batch(tmp_path: Path) -> None:
+    assert run(["-q", "track", str(PEOPLE), "-o", str(tmp_path)]) == 0
+    (batch,) = lidarcli.read(PEOPLE)
+    lidarcli.plot(batch[60], tracks=tmp_path, view="scene", output=tmp_path / "paths.svg")
+    assert "track: agent" in (tmp_path / "paths.svg").read_text("utf-8")
+
+
 def test_the_sweep_at_a_time() -> None:
     expected = lidarcli.plot(ROOM, 34, view="scene")._suptitle.get_text()
     for at in (3.42, "3.42s", "2023-11-14T22:13:23.42Z"):

@@ -199,11 +199,9 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     from lidarcli.pipeline.clean.options import CleanOptions
 
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
-    remove = options["remove"]
-    if remove is None:
-        # Who asks for another job has not asked for this one.
-        others = ("mend", "merge", "clips", "start", "end", "run")
-        remove = REMOVABLE[0] if all(options[name] is None for name in others) else NONE
+    # Who asks for another job has not asked for this one.
+    is_alone = all(options[name] is None for name in ("mend", "merge", "clips", "start", "end", "run"))
+    remove = (REMOVABLE[0] if is_alone else NONE) if options["remove"] is None else options["remove"]
     return CleanOptions(
         detect_options({**options, "catalogue": None}, logs, tracking_of()),
         remove=_words("remove", remove, parse_removed) - {NONE},
@@ -313,12 +311,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     return parsed
 
 
-def explained(
-    parsed: ZoneOptions,
-    wanted: float | str | None,
-    outputs: Sequence[Place],
-    commands: Callable[[str, float], Sequence[str]],
-) -> ZoneOptions:
+def explained(parsed: ZoneOptions, wanted: float | str | None, outputs: Sequence[Place], commands: Any) -> ZoneOptions:
     """Return the options with what is to be explained, a time or `worst`, if anything; `commands` as of `Explained`."""
     from lidarcli.pipeline.zones.options import Explained
 

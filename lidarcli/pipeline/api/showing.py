@@ -73,7 +73,7 @@ def plot(
     OutputError
         A picture cannot be written.
     """
-    values = {**options, "log": log, "sweep": sweep}
+    values = {**options, "log": () if isinstance(log, SweepBatch) else log, "sweep": sweep}
     known = options_of(SweepGroup) | options_of(Plotting)
     refuse_combinations(PLOT_RULES, known, values, lambda name: known[name].is_changed(values[name]))
     refuse_suffix(output, values)

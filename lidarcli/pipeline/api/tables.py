@@ -45,12 +45,7 @@ LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
 @with_keywords()
 def detect(
-    log: LogsOrBatches,
-    parameters: Parameters | None = None,
-    *,
-    beams: bool = False,
-    progress: Progress = False,
-    **options: Unpack[Detecting],
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Detecting]
 ) -> pa.Table:
     """The objects of every sweep as a table.
 
@@ -59,7 +54,6 @@ def detect(
     log : logs as of `read`, each of which is a log of its own in the table; or a batch, or batches (of one topic, or in
         order of topics)
     parameters : replaces the keywords from `profile` to `walls`
-    beams : True to also return a table of all beams
 
     Returns
     -------
@@ -72,9 +66,11 @@ def detect(
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    made = _found(log, ["objects", "sweeps", *["beams"] * beams], parameters, options, memory_of(options), progress)
+    made = _found(
+        log, ["objects", "sweeps", *["beams"] * options["beams"]], parameters, options, memory_of(options), progress
+    )
     remember_sweeps(objects := made["objects"], made.pop("sweeps"))
-    return (objects, made["beams"]) if beams else objects
+    return (objects, made["beams"]) if options["beams"] else objects
 
 
 @with_keywords()
