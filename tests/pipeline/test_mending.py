@@ -486,7 +486,7 @@ def test_static_transforms_of_the_first_part(kind: str, tmp_path: Path) -> None:
 
 def test_mending_and_removing_together_is_mending_first(tmp_path: Path) -> None:
     log = written(tmp_path, "mcap", [FAULTS["microseconds"].change(sound())])
-    table = lidarcli.clean(log, tmp_path / "both.mcap", mend="times")
+    table = lidarcli.clean(log, tmp_path / "both.mcap", mend="times", remove="agents")
     assert table["log"].unique().to_pylist() == ["run"]
     assert findings_of(tmp_path / "both.mcap") == ()
 
