@@ -85,7 +85,7 @@ def in_the_world(batch: SweepBatch, row: int = 0) -> Float64:
     assert batch.poses is not None
     beam = np.flatnonzero(~np.isnan(batch.ranges[row]))
     r = batch.ranges[row, beam].astype(np.float64)
-    theta = batch.bearings()[row, beam]
+    theta = batch.bearings[row, beam]
     rows = np.full(len(beam), row)
     x, y, _ = batch.poses.to_world(
         rows, r * np.cos(theta), r * np.sin(theta), np.zeros(len(beam)), batch.shares(rows, beam)

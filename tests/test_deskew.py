@@ -192,7 +192,7 @@ def test_a_background_of_the_drive_is_where_the_walls_are(drives: Logs, clockwis
     for deskew in (True, False):
         (background,) = lidarcli.background(drives.made(clockwise=clockwise), deskew=deskew)
         assert background.poses.way is None
-        theta = background.grid.bearings() + background.poses.yaw[:, None]
+        theta = background.grid.bearings + background.poses.yaw[:, None]
         x = background.poses.x[:, None] + background.r_e * np.cos(theta)
         y = background.poses.y[:, None] + background.r_e * np.sin(theta)
         known = np.isfinite(background.r_e)

@@ -143,7 +143,7 @@ def test_short_rows_are_padded_and_padding_is_no_beam() -> None:
     assert batch.beams.tolist() == [2, 4, 0]
     assert batch.sweep.tolist() == [3, 5, 6]
     assert (len(batch), batch.width) == (3, 4)
-    np.testing.assert_allclose(batch.bearings()[1], [-1.0, -0.99, -0.98, -0.97], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(batch.bearings[1], [-1.0, -0.99, -0.98, -0.97], rtol=0, atol=1e-15)
 
 
 def test_a_header_without_a_stamp_takes_the_time_of_the_record() -> None:
@@ -159,26 +159,26 @@ def test_seconds_count_from_the_first_sweep_of_the_topic() -> None:
     stamps = np.array([5_000_000_000, 5_100_000_000, 3_000_000_000, 5_000_000_001])
     raw = replace(raw, stamp_ns=stamps, record_ns=stamps)
     batch = normalise(raw, np.arange(7, 11), RangeRules())
-    assert batch.seconds().tolist() == [0.0, 0.1, -2.0, 1e-9]
+    assert batch.seconds.tolist() == [0.0, 0.1, -2.0, 1e-9]
     later = normalise(raw, np.arange(7, 11), RangeRules(), first_ns=4_000_000_000)
-    assert later.seconds().tolist() == [1.0, 1.1, -1.0, 1.000000001]
-    assert later.rows(np.array([3])).seconds().tolist() == [1.000000001]
+    assert later.seconds.tolist() == [1.0, 1.1, -1.0, 1.000000001]
+    assert later.rows(np.array([3])).seconds.tolist() == [1.000000001]
 
 
 def test_seconds_between_stamps_farther_apart_than_int64_counts() -> None:
     ends = np.array([-(2**63), 2**63 - 1, 0])
     raw = replace(ragged([[1.0]] * 3), stamp_ns=ends, record_ns=np.zeros(3, np.int64))
-    seconds = normalise(raw, np.arange(3), RangeRules()).seconds()
+    seconds = normalise(raw, np.arange(3), RangeRules()).seconds
     assert seconds.tolist() == [0.0, pytest.approx(2.0**64 / 1e9), pytest.approx(2.0**63 / 1e9)]
     raw = raw.rows(np.array([1, 0]))
-    assert normalise(raw, np.arange(2), RangeRules()).seconds()[1] == pytest.approx(-(2.0**64) / 1e9)
+    assert normalise(raw, np.arange(2), RangeRules()).seconds[1] == pytest.approx(-(2.0**64) / 1e9)
 
 
 def test_no_rows() -> None:
     batch = normalise(ragged([]), np.arange(0), RangeRules())
     assert (len(batch), batch.width) == (0, 0)
     assert batch.closure.tolist() == []
-    assert batch.seconds().tolist() == []
+    assert batch.seconds.tolist() == []
 
 
 OPEN, CLOSED, SHARED = Closure

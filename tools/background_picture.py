@@ -53,7 +53,7 @@ def main(log: str, picture: str) -> None:
 
 
 def _background(axes: Any, sensor: Background) -> None:
-    theta, r_e = sensor.grid.bearings(), sensor.r_e[0]
+    theta, r_e = sensor.grid.bearings, sensor.r_e[0]
     known = np.isfinite(r_e)
     axes.plot(
         (r_e * np.cos(theta))[known],

@@ -131,7 +131,7 @@ def cells_of(
 
 def points_xy(batch: SweepBatch) -> tuple[Float64, Float64]:
     """(S, B) positions in the sensor frame [m], NaN without a range."""
-    bearings, ranges = batch.bearings(), batch.ranges.astype(np.float64)
+    bearings, ranges = batch.bearings, batch.ranges.astype(np.float64)
     return ranges * np.cos(bearings), ranges * np.sin(bearings)
 
 

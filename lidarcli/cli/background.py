@@ -66,7 +66,7 @@ def build(messages: MessageWriter, options: BuildCommand) -> int:
     path = place(options["output"])
     messages.begin(options)
     sources = chosen_logs(messages, options)
-    refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
+    refuse_output([path, *([place(figure)] if figure else [])], sources, overwrite)
     if options["dry_run"]:
         return print_reads(sources, [options["output"], figure] if figure else [options["output"]])
     building = BackgroundBuilder(
@@ -155,7 +155,7 @@ def background_lines(learned: "Learned") -> list[str]:
     lines += [_line("note", note) for note in scene_notes(sensors)]
     for sensor in sensors:
         figures = figures_of(sensor)
-        view = sensor.grid.bearings()
+        view = sensor.grid.bearings
         low, high = math.degrees(view.min(initial=0.0)), math.degrees(view.max(initial=0.0))
         at_a_station = f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
         lines += [

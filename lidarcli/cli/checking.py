@@ -3,7 +3,6 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial, wraps
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,9 +29,9 @@ from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import place
 from lidarcli.options.choices import EXPLAINED, JUNIT
 from lidarcli.options.common import CHECK, Checked, ManyLogs, Overwrite, Reported, TextOrJson, output
-from lidarcli.options.forms import Argument, File, Option, Text
-from lidarcli.options.groups import ZONE_RULES, ZONES, Diffing, Reporting, Zoning
-from lidarcli.options.values import CHECKS, OUTPUT, STDOUT, parse_explained
+from lidarcli.options.forms import Argument, File, Option
+from lidarcli.options.groups import ZONE_RULES, Diffing, Reporting, Zoning
+from lidarcli.options.values import CHECKS, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.reports.report import Report
@@ -140,11 +139,6 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
         CHECK,
         "Condition that must hold, else exit code 1: zones.NAME.events == 0 (docs/zones.md); may be repeated.",
     ]
-    explain: Annotated[
-        str | None,
-        Option(ZONES, Text("TIME|worst", parse_explained), shown="none"),
-        "Answer why the robot stopped then: -o why.html, .png or .gif; worst: the five worst.",
-    ]
 
 
 @command(
@@ -177,26 +171,17 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     folder = folders[0] if folders else None
     if STDOUT in options["output"] or len(folders) > 1:
         raise click.UsageError("-o takes one folder, and .xml files; there is no standard output of tables")
-    if options["explain"] is not None and not answers:
-        raise click.UsageError(
-            "--explain writes a page, a picture or a film: give -o why.html, why.png, why.gif or why.mp4"
-        )
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.options.times import as_time
-    from lidarcli.pipeline.api.options import zone_options
+    from lidarcli.pipeline.api.options import explained, zone_options
     from lidarcli.pipeline.reporting import checks_of
-    from lidarcli.pipeline.zones.options import Explained
     from lidarcli.pipeline.zones.run import judge, refuse_outputs, understand, watch_files, write_verdicts
     from lidarcli.pipeline.zones.summary import ZoneSummary
 
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
-        if options["explain"] is not None:
-            zone = zoning.detect.read.time_zone
-            time = None if options["explain"] == "worst" else as_time(options["explain"], zone)
-            zoning = replace(zoning, explain=Explained(time, tuple(answers), partial(_commands, options)))
+        zoning = explained(zoning, options["explain"], answers, partial(_commands, options))
         checks = understand(zoning, checks_of(options))
     messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
@@ -280,7 +265,7 @@ def _commands(options: Mapping[str, Any], topic: str, seconds: float) -> list[st
     ]
 
 
-class ReportCommand(Overwrite, Reporting, Checked, total=False):
+class ReportCommand(Overwrite, Reporting, total=False):
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
     output: Annotated[
         tuple[str, ...],

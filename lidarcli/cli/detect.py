@@ -27,7 +27,7 @@ from lidarcli.files.stores import Place, absolute, is_url, place
 from lidarcli.options.choices import TABLE_BY_SUFFIX
 from lidarcli.options.common import ManyLogs, Stamped, output
 from lidarcli.options.forms import Option, Text
-from lidarcli.options.objects import BeamGroup, Detecting, Tracking
+from lidarcli.options.objects import Detecting, Tracking
 from lidarcli.options.values import MANY, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
 """Suffixes of files that nobody means as the name of a folder."""
 
 
-class TableGroup(ManyLogs, Stamped, BeamGroup, total=False):
+class TableGroup(ManyLogs, Stamped, total=False):
     """The logs and the tables of `detect` and `track`."""
 
     output: Annotated[

@@ -5,6 +5,7 @@ import math
 import shlex
 from collections.abc import Sequence
 from datetime import UTC
+from itertools import accumulate, chain
 from os import fspath
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,15 +14,16 @@ import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import MessageWriter, chosen_logs, frame_words, line_of, print_reads, progress_bar
+from lidarcli.cli.messages import MessageWriter, chosen_logs, frame_words, line_of, lines_of_page, print_reads, progress_bar
 from lidarcli.display.screen import one_line
-from lidarcli.display.texts import counted, moment, no_command
+from lidarcli.display.texts import alike, counted, moment, no_command
 from lidarcli.files.stores import Place, place
 from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import Option, OptionRule, Text
 from lidarcli.options.groups import FINDINGS, Inspecting
 from lidarcli.options.times import is_date
 from lidarcli.options.values import OUTPUT
+from lidarcli.sweeps.findings import LEVELS
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import Topic
@@ -115,7 +117,7 @@ def info(messages: MessageWriter, options: InfoCommand) -> int:
                     click.echo(
                         _in_a_line(result, read.time_zone)
                         if brief
-                        else ("\n" if len(infos) > 1 else "") + as_text(result, read.time_zone)
+                        else ("\n" if len(infos) > 1 else "") + as_text(result, read.time_zone, messages.verbose)
                     )
     if options["format"] == "json":
         click.echo(as_json(infos))
@@ -163,6 +165,8 @@ def _show_errors(messages: MessageWriter, label: str, result: "LogInfo | Learned
     return result.exit_code
 
 
+_SCREEN = 30
+"""Lines of findings that are shown."""
 _OTHERS = 10
 """Topics without sweeps or poses that are shown."""
 _BRIEF = 4
@@ -172,12 +176,12 @@ _FRAMES = 2
 _CLOSURES = {"open": "partial view", "closed": "full turn", "shared": "full turn; first and last beam point the same way"}
 
 
-def as_text(info: "LogInfo | Learned", zone: "TimeZone" = UTC) -> str:
-    """Lines of at most 80 columns, but for names that are longer."""
+def as_text(info: "LogInfo | Learned", zone: "TimeZone" = UTC, every: bool = False) -> str:
+    """Lines of at most 80 columns, but for names that are longer; `every`: all findings, each by itself."""
     from lidarcli.pipeline.inspecting import LogInfo
 
     # Names come from a log and may hold anything.
-    lines = _log_lines(info, zone) if isinstance(info, LogInfo) else background_lines(info)
+    lines = _log_lines(info, zone, every) if isinstance(info, LogInfo) else background_lines(info)
     return "\n".join(no_command(one_line(line)) for line in lines)
 
 
@@ -187,7 +191,7 @@ def _in_a_line(info: "LogInfo | Learned", zone: "TimeZone") -> str:
     return no_command(one_line(_log_line(info, zone) if isinstance(info, LogInfo) else background_line(info)))
 
 
-def _log_lines(info: "LogInfo", zone: "TimeZone") -> list[str]:
+def _log_lines(info: "LogInfo", zone: "TimeZone", every: bool) -> list[str]:
     lines = [
         info.path,
         line_of("format", f"{info.format}, compression {info.compression}"),
@@ -202,14 +206,11 @@ def _log_lines(info: "LogInfo", zone: "TimeZone") -> list[str]:
     lines += [line_of("damage", damage) for damage in info.damage]
     for scan in info.scans:
         lines += _scan_lines(scan, zone)
-    if info.findings:
-        lines.append("  findings")
-    for found in info.findings:
-        lines += _finding_lines(found)
+    lines += _findings(info, every)
     if (words := info.mends) and info.format.startswith(("mcap", "ros")) and not info.parts and info.size is not None:
         path = PurePath(info.path)
         names = " -o ".join(shlex.quote(str(each)) for each in (path, path.with_name(f"{path.stem}.mended{path.suffix}")))
-        lines += ["  to mend them in a copy:", f"    lidarcli clean {names} --remove none --mend {','.join(words)}"]
+        lines += ["  to mend them in a copy:", f"    lidarcli clean {names} --mend {','.join(words)}"]
     return lines
 
 
@@ -265,16 +266,26 @@ def as_json(infos: Sequence["LogInfo | Learned"]) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
-def _finding_lines(found: "Finding") -> list[str]:
-    """A finding in a line, and its fix below it."""
-    lines = [f"  {found.level:<9}{found.id:<11}{found.message}"]
+def _findings(info: "LogInfo", every: bool) -> list[str]:
+    """Lines of the findings, the most harmful first: one of those that are alike, a screen at most; or `every` one."""
+    order = sorted(info.findings, key=lambda each: LEVELS.index(each.level))
+    told = [(f"{each.level:<9}{each.id:<11}{each.message}", _fix_lines(each)) for each in order]
+    blocks = [
+        [*lines_of_page(f"  {line[:20]}", line[20:]), *(f"    {one}" for one in below.splitlines())]
+        for line, below in (told if every else alike(told))
+    ]
+    last = len(blocks) if every else max(sum(total <= _SCREEN for total in accumulate(map(len, blocks))), 1)
+    more = [f"  and {counted(len(blocks) - last, 'more finding')}: lidarcli -v info ... shows all"]
+    return [*(["  findings"] if told else []), *chain(*blocks[:last]), *(more if last < len(blocks) else [])]
+
+
+def _fix_lines(found: "Finding") -> str:
+    """The fix of a finding, below its line."""
     if found.fix is None:
-        return lines
-    if found.fix.kind == "transform":
-        return lines + [f"    {line}" for line in found.fix.text.splitlines()]
+        return ""
     # A mask takes many lines, and a file.
     text = "--mask FILE.toml, which -o FILE.toml writes" if found.fix.kind == "mask" else found.fix.text
-    return [*lines, f"    fix: {text}"]
+    return text if found.fix.kind == "transform" else f"fix: {text}"
 
 
 def _pose_lines(info: "LogInfo") -> list[str]:

@@ -17,7 +17,7 @@ import click
 
 from lidarcli.display.credentials import blotted
 from lidarcli.display.screen import Count, Screen, byte_bar, count_bar, one_line
-from lidarcli.display.texts import Routine, column_of_times, counted
+from lidarcli.display.texts import Routine, alike, column_of_times, counted
 from lidarcli.errors import OutputError
 from lidarcli.options.choices import beams_on
 from lidarcli.system import compiled
@@ -113,22 +113,21 @@ class MessageWriter(Screen):
             self.write(one_line(line))
 
     def notes(self, notes: Iterable[str]) -> None:
-        """Words of a summary that a user should read; the routine ones are for --verbose."""
-        for note in notes:
-            self._say("  note     ", note)
+        """Words of a summary that a user should read: each of those that are alike, and the routine ones, by --verbose."""
+        self._say("  note     ", [*notes])
 
     def note(self, note: str) -> None:
         """Words on the run, and not on one log, that a user should read."""
-        self._say("note: ", note)
+        self._say("note: ", [note])
 
-    def _say(self, head: str, note: str) -> None:
-        self.keep("notes", note)
-        if isinstance(note, Routine):
-            self.keep("routine", note)
-        if self.verbose or not isinstance(note, Routine):
-            # What reads a pipe, such as grep, takes a note for a line.
-            is_wrapped = "COLUMNS" in os.environ or _is_terminal()
-            for line in wrapped(head, one_line(note)) if is_wrapped else [head + one_line(note)]:
+    def _say(self, head: str, notes: Sequence[str]) -> None:
+        for note in notes:
+            self.keep("notes", note)
+            if isinstance(note, Routine):
+                self.keep("routine", note)
+        lines = [(note, "") for note in notes if self.verbose or not isinstance(note, Routine)]
+        for note, _ in lines if self.verbose else alike(lines):
+            for line in lines_of_page(head, note):
                 self.info(line)
 
     def wrote(self, files: Iterable[object]) -> None:
@@ -181,6 +180,12 @@ def wrapped(head: str, words: str) -> list[str]:
     wrapper = textwrap.TextWrapper(max(get_terminal_size().columns, 40), head, " " * len(head))
     wrapper.break_long_words = wrapper.break_on_hyphens = False
     return [line.replace("\u00a0", " ") for line in wrapper.wrap(OPTION.sub("\\1\u00a0", words))]
+
+
+def lines_of_page(head: str, words: str) -> list[str]:
+    """Words after their head, in the width of a terminal: what reads a pipe, such as grep, takes them for a line."""
+    words = one_line(words)
+    return wrapped(head, words) if "COLUMNS" in os.environ or _is_terminal() else [head + words]
 
 
 def together(files: Sequence[str]) -> list[str]:

@@ -214,17 +214,18 @@ class CleanCommand(Reported, Cleaning, total=False):
   lidarcli clean run.bag -o run.clean.bag --remove agents,temporary
   lidarcli clean run.bag -o run.clean.bag --mask robot.toml
   lidarcli clean run.mcap -o run.clean.mcap --value inf --margin 2
-  lidarcli clean run.bag -o run.mended.bag --remove none --mend
-  lidarcli clean run.bag -o merged.bag --remove none --merge /scan
-  lidarcli clean run.mcap -o part.mcap --remove none --start 10 --end 20
-  lidarcli clean run.mcap -o clips --remove none --clips run.events.parquet
+  lidarcli clean run.bag -o run.mended.bag --mend
+  lidarcli clean run.bag -o merged.bag --merge /scan
+  lidarcli clean run.mcap -o part.mcap --start 10 --end 20
+  lidarcli clean run.mcap -o clips --clips run.events.parquet
   lidarcli map run.clean.mcap -o room.yaml""",
 )
 def clean(messages: MessageWriter, options: CleanCommand) -> int:
     """Copy a log without what moves, with faults mended, or cut.
 
     MCAP, ROS 1 and ROS 2 bags, each to its own kind. All messages stay as they are, in
-    their order; beams on agents say NaN, and --mend corrects what other programs refuse.
+    their order; beams on agents say NaN. --mend corrects what other programs refuse, and
+    takes no one out; a part is cut as it is: give --remove agents to do both.
     """
     from lidarcli.pipeline.api.options import clean_options
     from lidarcli.pipeline.clean.log import clean_log

@@ -137,8 +137,14 @@ def put_on(scan: Any, _: int, first: float, spacing: float, beams: int) -> bool:
     return True
 
 
-def end(scan: Any, _: int) -> bool:
-    """Tell the bearing of the last beam in `angle_max`, where it is half a step off."""
+def end(scan: Any, _: int, steps: float = 1.0) -> bool:
+    """Tell the bearing of the last beam in `angle_max`, where it is half a step off, after `steps` times as wide ones."""
+    if steps != 1.0:
+        # Where the view lies about the x axis, its first bearing is as wrong as the others.
+        last = scan.angle_min + (len(scan.ranges) - 1) * scan.angle_increment
+        is_centred = abs(scan.angle_min + last) < 3.0 * abs(scan.angle_increment)
+        _set(scan, angle_min=scan.angle_min * (steps if is_centred else 1.0), angle_increment=scan.angle_increment * steps)
+        return end(scan, 0) or True
     last = scan.angle_min + (len(scan.ranges) - 1) * scan.angle_increment
     return not abs(scan.angle_max - last) <= 0.5 * abs(scan.angle_increment) and _set(scan, angle_max=last)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from datetime import UTC
 from typing import NamedTuple, Protocol, TypeVar
@@ -10,6 +11,8 @@ from lidarcli.options.times import TimeZone, is_date, local
 
 _SHOWN = 4
 """Names of a list that are shown."""
+_VARYING = re.compile(r"[^\s,;:()]*[\d/_][^\s,;:()]*")
+"""Numbers, and names of topics, frames and files."""
 
 
 class Facts(NamedTuple):
@@ -167,6 +170,23 @@ def some_of(names: Sequence[str]) -> str:
     """
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more
+
+
+def alike(lines: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return lines, each with what stands below it; of three that differ in names and numbers alone, or more, the first.
+
+    >>> alike([("/a: 5% are near", ""), ("/b: 6% are near", ""), ("/c: no frame", ""), ("/d: 4% are near", "")])
+    [('/a: 5% are near (alike: /b, /d)', ''), ('/c: no frame', '')]
+    """
+    groups: dict[tuple[str, str], list[str]] = {}
+    for line, below in lines:
+        groups.setdefault((_VARYING.sub("*", line), below), []).append(line)
+    found = []
+    for (_, below), each in groups.items():
+        first, *others = (_VARYING.findall(line) for line in each)
+        names = [next((word for word, one in zip(words, first, strict=True) if word != one), "again") for words in others]
+        found += [(f"{each[0]} (alike: {some_of(names)})", below)] if len(each) > 2 else [(line, below) for line in each]
+    return found
 
 
 def nearest(name: str, known: Iterable[str]) -> list[str]:

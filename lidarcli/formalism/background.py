@@ -189,6 +189,7 @@ class Grid:
     period: int
     """Number of distinct bearings of a full turn, 0 for a partial view."""
 
+    @property
     def bearings(self) -> Float64:
         """Return (B,) the bearings [rad]."""
         return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
@@ -219,7 +220,7 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
     Returned are the beam of the station (S, B), -1 out of its view and for padding, and the distance from the station (S,
     B) [m], NaN without a range. A beam without a range keeps its direction.
     """
-    bearing = batch.bearings()
+    bearing = batch.bearings
     ranges = batch.ranges.astype(np.float64)
     if moved is not None:
         valid = ~np.isnan(ranges)
@@ -241,7 +242,7 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
 
     These are inf without a surface, NaN if unknown. Where several fall on one beam the nearest counts, NaN where none does.
     """
-    bearing = np.broadcast_to(grid.bearings(), ranges.shape)
+    bearing = np.broadcast_to(grid.bearings, ranges.shape)
     finite = np.isfinite(ranges)
     distance = np.where(finite, ranges, 0.0)
     x = distance * np.cos(bearing) - moved.x[:, None]
@@ -316,7 +317,7 @@ def lines(grid: Grid, ranges: Float64) -> SurfaceLines:
         straight[:, :reach] = False
         straight[:, grid.beams - reach :] = False
     tilt = slope / step
-    direction = grid.bearings() + np.arctan2(tilt, mean)
+    direction = grid.bearings + np.arctan2(tilt, mean)
     return SurfaceLines(
         np.where(straight, np.cos(direction), np.nan),
         np.where(straight, np.sin(direction), np.nan),
@@ -431,7 +432,7 @@ class Background:
         rows = (
             ("topic", self.topic),
             ("frame", self.frame_id or "without a name"),
-            ("view", span(np.degrees(self.grid.bearings()).tolist(), ".2f", "deg")),
+            ("view", span(np.degrees(self.grid.bearings).tolist(), ".2f", "deg")),
             ("sweeps", f"{self.sweeps.sum():,}"),
             ("stations", f"{len(self):,}, the poses of {np.count_nonzero(self.posed):,} are known"),
             ("r_e", span(surfaces.tolist(), ".3f", "m")),

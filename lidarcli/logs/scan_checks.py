@@ -20,6 +20,7 @@ from lidarcli.sweeps.finding_rules import (
     FEW,
     FINEST_STEP,
     LONG_RANGE,
+    MEET,
     OFTEN,
     SOME,
     SWEEP_RULES,
@@ -57,6 +58,10 @@ REMEDIES = {
 """Remedies by the main cause of missing ranges."""
 ZEROS = TURN / 8
 """Least view of zeros, or of absurd values, that is reported [rad]: nothing may be there, or nothing was measured."""
+HALF, ALIKE = 0.03, 0.03
+"""Deviation of a view from half a turn, as a share of a turn, and of its last range from its first one, as a share."""
+MIN_SEAMS, MAX_SEAMS = 20, 4096
+"""Fewest sweeps that show a seam, and the most that are kept."""
 Went = Callable[[str, str, Int64, Int64], Bool]
 """Returns whether the sensor of a topic and frame has moved between two stamps each (S,) [ns], by logged poses."""
 
@@ -193,6 +198,8 @@ class SweepStats:
     zeros: int = 0
     """Sweeps that were examined; `zeros` counts those with a view of zeros, of which `most_zeros` is the widest [rad]."""
     most_zeros: float = 0.0
+    rims: Float64 = field(default_factory=lambda: np.zeros((2, 0)))
+    """First and last ranges of sweeps of half a turn by their header [m], at most `MAX_SEAMS`."""
     blind: int = 0
     """Sweeps without any range."""
     frozen: int = 0
@@ -215,6 +222,7 @@ class SweepStats:
             self._take_ranges(raw, batch, slice(first))
             self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
+        self._take_seam(raw, batch)
         same, frozen = self._compare(raw, went)
         self._take_repeats(raw, batch, same)
         frozen &= batch.observed
@@ -248,6 +256,7 @@ class SweepStats:
         stats = SimpleNamespace(
             **{each.name: getattr(self, each.name) for each in fields(self)},
             is_far=self.is_far,
+            meet=self.meet,
             zeros_share=self.zeros / max(self.examined, 1),
             zeros_degrees=np.degrees(self.most_zeros),
             clock=clock,
@@ -386,6 +395,22 @@ class SweepStats:
                 is_cut = raw.beams[row] == PLOTTED and PLOTTED < beams <= MAX_BEAMS
                 self.cut = f", for {PLOTTED} of {beams:,.0f} beams are there: PlotJuggler cuts arrays" if is_cut else ""
             self.off += int(np.count_nonzero(off))
+
+    def _take_seam(self, raw: RawSweeps, batch: SweepBatch) -> None:
+        """Compare the first range with the last one of sweeps of half a turn: where a whole turn is told so, they meet."""
+        half = np.abs(2.0 * raw.beams * np.abs(raw.angle_increment) - TURN) < HALF * TURN
+        rows = np.flatnonzero(half & (raw.beams > 2))
+        if not len(rows):
+            return
+        ends = np.array([batch.ranges[rows, 0], batch.ranges[rows, raw.beams[rows] - 1]], np.float64)
+        self.rims = np.hstack([self.rims, ends[:, np.isfinite(ends).all(axis=0)]])[:, :MAX_SEAMS]
+
+    @property
+    def meet(self) -> float:
+        """Share of the sweeps of half a turn in which both ends have one range; 0 where these are not related."""
+        if self.rims.shape[1] < MIN_SEAMS or not self.rims.std(axis=1).all() or np.corrcoef(*self.rims)[0, 1] < MEET:
+            return 0.0
+        return round(float((np.abs(np.subtract(*self.rims)) < ALIKE * self.rims.max(axis=0)).mean()), 3)
 
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
         """Count the causes of missing ranges."""

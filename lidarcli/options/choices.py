@@ -11,6 +11,8 @@ MAX_NUMBER = 1e6
 MAX_COUNT = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 VIEWS = ("all", "scene", "sweep")
+MAP = "map"
+"""View of the whole run in the world."""
 IMAGES = (".png", ".svg", ".pdf")
 ANIMATIONS = (".gif", ".mp4")
 LAST_SWEEP = 1_000_000_000
@@ -97,8 +99,8 @@ PICTURE_WIDTHS = (40.0, 2000.0)
 PICTURE_DPI = (30, 1200)
 ANIMATED_DPI = 120
 """Pixels per inch of an animation, by default."""
-FRAMES_PER_SECOND = 10.0
-
+FRAMES_PER_SECOND, MAX_FRAMES = 10.0, 50.0
+"""Sweeps per second of an animation, by default, and at most: viewers of GIF files show no more."""
 
 EXPLAINED = (".html", ".png", ".gif", ".mp4")
 """Suffixes of what `zones --explain` writes."""

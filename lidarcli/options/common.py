@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import Argument, File, Option, OptionRule, Text
-from lidarcli.options.values import CHECKS, COUNT, INPUT, MANY, OUTPUT
+from lidarcli.options.values import CHECKS, COUNT, INPUT, MANY, OUTPUT, Paths
 
 
 def parse_shard(text: str) -> tuple[int, int]:
@@ -81,7 +81,7 @@ class Checked(TypedDict, total=False):
     """Options of a command that holds what it finds against conditions."""
 
     checks: Annotated[
-        tuple[str, ...],
+        Paths,
         Option(CHECKS, File("FILE"), (), shown="none", several=True),
         "Also the checks of this file, for each log (TOML, docs/ci.md); may be repeated.",
     ]

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal, TypedDict
 
 from lidarcli.options import choices
-from lidarcli.options.common import CHECK, STAMPS_HELP, Jobs
+from lidarcli.options.common import CHECK, STAMPS_HELP, Checked, Jobs
 from lidarcli.options.forms import File, Number, Option, OptionRule, Text
 from lidarcli.options.objects import COLUMNS_HELP, OBJECTS, Comparing, ObjectGroup, ObjectParameters, Things
 from lidarcli.options.reading import (
@@ -38,6 +38,7 @@ from lidarcli.options.values import (
     INPUT,
     LENGTH,
     OUTPUT,
+    SWEEP,
     TIME,
     TURN,
     WIDTH,
@@ -45,10 +46,12 @@ from lidarcli.options.values import (
     Paths,
     Tables,
     parse_every,
+    parse_explained,
     parse_mends,
     parse_names,
     parse_numbers,
     parse_removed,
+    parse_sweeps,
     parse_value,
 )
 
@@ -156,6 +159,11 @@ class Zoning(
 ):
     """Keywords of `zones`."""
 
+    explain: Annotated[
+        float | str | None,
+        Option(ZONES, Text("TIME|worst", parse_explained), shown="none"),
+        "Answer why the robot stopped then: -o why.html, .png or .gif; worst: the five worst.",
+    ]
     every: Annotated[
         int | str,
         Option(SELECT, Text("N|TIME", parse_every), 1),
@@ -187,8 +195,8 @@ class Cleaning(
     TopicGroup, WindowGroup, RunGroup, PoseGroup, Delay, ObjectParameters, LimitsGroup, Jobs, Around, total=False
 ):
     remove: Annotated[
-        str | Iterable[str],
-        Option(CHANGES, Text("LIST", parse_removed, is_list=True), "agents"),
+        str | Iterable[str] | None,
+        Option(CHANGES, Text("LIST", parse_removed, is_list=True), shown="agents; with --mend, --merge or a part none"),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary "
         "(what stands where the place was also seen free); or none.",
     ]
@@ -236,16 +244,31 @@ class Inspecting(TopicGroup, ClockGroup, RunGroup, Joining, PoseGroup, Delay, Ra
     ]
 
 
-class Plotting(ClockGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
+class SweepGroup(TypedDict, total=False):
+    sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
+
+
+class Plotting(WindowGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
+    """Options of `plot` but the sweep, which Python also takes by its place."""
+
+    sweeps: Annotated[
+        str | Iterable[int] | None,
+        Option(PICTURE, Text("LIST", parse_sweeps), shown="with --animate all", unless=("sweep", "at")),
+        "Sweeps to draw, 0,50,100 or 0:100:10; each gets a file, FIG-N.png.",
+    ]
+    animate: Annotated[
+        bool, Option(PICTURE, None, False), "One moving picture of --sweeps, or of those from --start to --end."
+    ]
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
         "Draw the sweep nearest to this time, like --start: 2min, 14:02:17.",
     ]
     view: Annotated[
-        Literal["all", "scene", "sweep"],
-        Option(PICTURE, choices.VIEWS, choices.VIEWS[0]),
-        "The scene from above, its curves r(theta) and s(theta) (sweep), or both (all).",
+        Literal["all", "scene", "sweep", "map"],
+        Option(PICTURE, (*choices.VIEWS, choices.MAP), choices.VIEWS[0]),
+        "The scene from above, its curves r(theta) and s(theta) (sweep), or both (all). map: the run in the world and the "
+        "path of the sensor, with --sweep its points, with --tracks what stands and moved.",
     ]
     topic: Annotated[str | None, Option(PICTURE, Text("NAME"), shown="the first by name"), "LaserScan topic to draw."]
     background: Annotated[
@@ -256,7 +279,15 @@ class Plotting(ClockGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total
     tracks: Annotated[
         Tables | None,
         Option(PICTURE, File("FILE"), shown="none", python="Python also takes what `track` returns."),
-        "Draw paths, numbers and velocities of this tracks table.",
+        "Draw paths, numbers and velocities of this tracks table. Given LOG itself, its things are followed first.",
+    ]
+    only: Annotated[
+        str | int | Iterable[int],
+        Option(PICTURE, Text("LIST", parse_numbers), (), shown="all"),
+        "With --view map --tracks: numbers of the tracks to draw, 4,6,10.",
+    ]
+    density: Annotated[
+        bool, Option(PICTURE, None, False), "With --view map --tracks: how long agents were where, in place of their paths."
     ]
     trail: Annotated[
         float | None,
@@ -278,15 +309,20 @@ class Plotting(ClockGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total
     ]
     dpi: Annotated[
         int | None,
-        Option(LOOK, Number("N", *choices.PICTURE_DPI, whole=True), shown="200", rare=True),
-        "Pixels per inch of a .png.",
+        Option(LOOK, Number("N", *choices.PICTURE_DPI, whole=True), shown=f"200; moving {choices.ANIMATED_DPI}", rare=True),
+        "Pixels per inch of PNG and of animations.",
+    ]
+    fps: Annotated[
+        float | None,
+        Option(LOOK, Number("NUMBER", 0.1, choices.MAX_FRAMES), shown=f"{choices.FRAMES_PER_SECOND:g}", rare=True),
+        "Sweeps per second of --animate.",
     ]
     title: Annotated[bool, Option(LOOK, None, True, rare=True), "Write a title above the picture."]
     legend: Annotated[bool, Option(LOOK, None, True, rare=True), "Explain the marks in a legend."]
     vertices: Annotated[bool, Option(LOOK, None, False, rare=True), "Mark vertices and nearest points in the scene, too."]
 
 
-class Reporting(ClockGroup, Joining, total=False):
+class Reporting(ClockGroup, Joining, Checked, total=False):
     check: Annotated[
         str | Iterable[str], CHECK, "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md)."
     ]

@@ -122,7 +122,11 @@ COLUMNS_HELP = "Columns to keep, comma separated, in this order."
 _MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not by each sweep alone."
 
 
-class Detecting(FindingGroup, total=False):
+class BeamGroup(TypedDict, total=False):
+    beams: Annotated[bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."]
+
+
+class Detecting(FindingGroup, BeamGroup, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, False, both=True, rare=True), _MEMORY]
 
 
@@ -134,7 +138,7 @@ class TrajectoryGroup(TypedDict, total=False):
     ]
 
 
-class Tracking(FindingGroup, TrajectoryGroup, total=False):
+class Tracking(FindingGroup, TrajectoryGroup, BeamGroup, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True, rare=True), _MEMORY]
     agent_score: Annotated[
         float,
@@ -148,11 +152,7 @@ class Tracking(FindingGroup, TrajectoryGroup, total=False):
     ]
 
 
-class BeamGroup(TypedDict, total=False):
-    beams: Annotated[bool, Option(OUTPUT, None, False), "Also write <log>.beams.parquet, one row per beam."]
-
-
-class Tabling(Tracking, BeamGroup, total=False):
+class Tabling(Tracking, total=False):
     columns: Annotated[
         str | Iterable[str],
         Option(

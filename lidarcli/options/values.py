@@ -100,6 +100,27 @@ def parse_numbers(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(int(part) for part in text.split(",")))
 
 
+def parse_sweeps(text: str) -> tuple[int, ...]:
+    """Numbers of sweeps, `0,50,100`, or `0:100:10` as Python counts: each once, in the order given."""
+    found: dict[int, None] = {}
+    for part in text.split(","):
+        try:
+            numbers = [int(number) for number in part.split(":")]
+        except ValueError:
+            raise OptionError(f"'{part}' is neither a number nor START:STOP nor START:STOP:STEP") from None
+        if min(numbers) < 0 or len(numbers) > 3 or (len(numbers) == 3 and not numbers[2]):
+            raise OptionError(f"'{part}' is no number of a sweep, nor a range of them")
+        more = range(*numbers) if len(numbers) > 1 else numbers
+        if max(numbers) > choices.LAST_SWEEP:
+            raise OptionError(f"'{part[:40]}' goes beyond {choices.LAST_SWEEP:,}")
+        if len(found) + len(more) > choices.MAX_COUNT:
+            raise OptionError(f"'{part}' is too many sweeps")
+        found |= dict.fromkeys(more)
+    if not found:
+        raise OptionError(f"'{text}' holds no sweep")
+    return tuple(found)
+
+
 WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
 COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
 TURN = Number("DEGREES", 0, above=True)

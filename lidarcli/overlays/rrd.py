@@ -50,7 +50,7 @@ class Recording:
         name, poses = _name(batch.topic), batch.poses
         times = [rerun.TimeColumn(TIMELINE, timestamp=batch.stamps)]
         there = np.isfinite(batch.ranges)
-        points = batch.points()[there]
+        points = batch.points[there]
         ends = points
         if poses is not None:
             turns = quaternions(poses.yaw, poses.upside_down)

@@ -94,13 +94,12 @@ class BackgroundBuilder:
         return write_background(path, sensors, metadata, overwrite)
 
 
-def refuse_output(
-    path: Place, sources: Sequence[Source | MissingInput], overwrite: bool, others: Sequence[Place] = ()
-) -> None:
-    """Refuse a background table that has the name of a log (`OptionError`), or cannot be written (`OutputError`)."""
-    if path.name.lower().endswith(SUFFIXES):
-        raise OptionError(f"{path} is the name of a log; a background is a .parquet")
-    refuse([path, *others], overwrite, files_of(sources))
+def refuse_output(paths: Sequence[Place], sources: Sequence[Source | MissingInput], overwrite: bool) -> None:
+    """Refuse a file that has the name of a log (`OptionError`), or cannot be written (`OutputError`)."""
+    for path in paths:
+        if path.name.lower().endswith(SUFFIXES):
+            raise OptionError(f"{path} is the name of a log; a background is a .parquet")
+    refuse(paths, overwrite, files_of(sources))
 
 
 @dataclass(frozen=True, slots=True)

@@ -240,9 +240,11 @@ class TrackTables(_TrackTables):
     Attributes
     ----------
     trajectories : one row per track and sweep, from its first sight to its last; None with `trajectories=False`
+    beams : one row per beam of each sweep with `beams=True`, else None
     """
 
     trajectories: pa.Table | None = None
+    beams: pa.Table | None = None
 
 
 def of_logs(

@@ -360,7 +360,7 @@ def localise(
             f"--check 'observed >= {floored(least.share)}' accepts that"
         )
     if path is not None:
-        data = _picture(run.table, site.grid) if suffix == PICTURE else None if lines is None else _lines(run.table)
+        data = _picture(run, site.grid) if suffix == PICTURE else None if lines is None else _lines(run.table)
         save(path, options, run, data)
     return run
 
@@ -432,11 +432,20 @@ def given_paths(table: pa.Table, name: str) -> GivenPaths:
     return GivenPaths(tuple(filter(None, tracks)), np.concatenate(gaps))
 
 
-def _picture(table: pa.Table, grid: Occupancy) -> bytes:
-    """Return the map with the path, coloured by its states."""
+def _picture(run: LocalisedPath, grid: Occupancy) -> bytes:
+    """Return the map with the path, coloured by its states, and the times where it is off or lost."""
     from lidarcli.reports.map_picture import MapPicture, draw_map
 
-    state, xy = table["map_state"].to_pylist(), np.column_stack([table["x"].to_numpy(), table["y"].to_numpy()])
+    table = run.table
+    xy = np.column_stack([table["x"].to_numpy(), table["y"].to_numpy()])
     # Without a verdict nothing is known of any place.
-    places = [(name, xy[[(one or MAP_STATES[UNSURE]) == name for one in state]]) for name in MAP_STATES]
+    state = np.array([one or MAP_STATES[UNSURE] for one in table["map_state"].to_pylist()], object)
+    places = [(name, xy[state == name], "") for name in MAP_STATES]
+    for rows, key in _sensors(table):
+        path = run.paths.get(key)
+        seconds = (table["stamp"].cast(pa.int64()).to_numpy()[rows] - (path.first_ns if path else 0)) / SECOND_NS
+        for one in path.intervals if path else ():
+            name = MAP_STATES[LOST if math.isnan(one.off) else OFF]
+            part = rows[(seconds >= one.begin) & (seconds < one.end)]
+            places.append((name, xy[part[state[part] == name]], f"{one.begin:.1f} to {one.end:.1f} s"))
     return draw_map(MapPicture(grid, places=places), PICTURE)

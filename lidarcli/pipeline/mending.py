@@ -143,7 +143,7 @@ def _mend(
     delay: float,
     hidden: float | None,
     order: str,
-    units: tuple[float, float],
+    factors: tuple[float, float, float],
 ) -> tuple[Mend, dict[str, str]]:
     """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
     # Most copies mend nothing, and should not wait for this import.
@@ -179,9 +179,9 @@ def _mend(
         "mask": partial(fill, status=Status.MASKED, value=hidden),
         "intensities": mends.reverse_intensities,
         "beams": partial(mends.put_on, first=first, spacing=step, beams=int(usual)),
-        "angles": mends.end,
+        "angles": partial(mends.end, steps=factors[2]),
         "order": mends.turn_round,
-        **({} if units == (1.0, 1.0) else {"units": partial(mends.convert, angle=units[0], length=units[1])}),
+        **({} if factors[:2] == (1.0, 1.0) else {"units": partial(mends.convert, angle=factors[0], length=factors[1])}),
         **({"times": partial(mends.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
     }
     mend.steps = {word: step for word, step in steps.items() if word in words and not cannot.get(word)}
@@ -239,7 +239,7 @@ def plan(
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if requested & {FOUND, "units", *MOVING}:
+    if requested & {FOUND, "units", "angles", *MOVING}:
         from lidarcli.pipeline.inspecting import inspect_log
 
         poses = replace(detect.poses, delay=None)
@@ -266,9 +266,10 @@ def plan(
         )
         fixes = {one.fix.text for one in found if one.mend == "units" and one.topic == name and one.fix}
         length = next((unit for unit in ("mm", "cm") if f"--range-unit {unit}" in fixes), "m")
-        units = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS[length]
+        steps = 2.0 if any("meet" in one.evidence and one.topic == name for one in found) else 1.0
+        factors = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS[length], steps
         mend, cannot = _mend(
-            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name], units
+            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name], factors
         )
         done.topics[name] = mend
         for word, cause in cannot.items():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice, nothing_read
-from lidarcli.options.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
+from lidarcli.options.choices import ANIMATIONS, AS_IT_COMES, MATCH, TRAIL, Look
 from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant, Time, TimeOfDay, TimeZone
 from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
@@ -243,15 +243,15 @@ def sweep_at(source: Source, time: Time, topic: str | None, opening: OpenOptions
     return best
 
 
-def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
-    """Return the picture of one sweep of a batch with its objects (`OptionError` where it is not in the batch)."""
-    rows = np.flatnonzero(batch.sweep == sweep)
-    if not len(rows):
+def pictures_of(batch: SweepBatch, options: PlotOptions) -> tuple[Picture, ...]:
+    """Return the pictures of sweeps of a batch with their objects (`OptionError` where one is not in the batch)."""
+    row, sweeps = {sweep: row for row, sweep in enumerate(batch.sweep.tolist())}, options.sweeps or (0,)
+    if lacking := [sweep for sweep in sweeps if sweep not in row]:
         there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
-        raise OptionError(f"no sweep {sweep} of {batch.topic} in this batch, whose sweeps are {there}")
+        raise OptionError(f"no sweep {lacking[0]} of {batch.topic} in this batch, whose sweeps are {there}")
     name = batch.log or batch.topic.lstrip("/")
-    one = _PictureMaker(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
-    return _centred([one], options.follow, name)[0]
+    make = _PictureMaker(Source(name, name), options).picture
+    return _centred([make(one_sweep(batch, row[sweep])) for sweep in sweeps], options.follow, name)
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
@@ -318,7 +318,7 @@ class _PictureMaker:
             batch=batch,
             detection=detection,
             profile=parameters.profile,
-            threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
+            threshold=threshold if isinstance(threshold, str) else "given",
             # Not static objects that are hidden: a crowd hides dozens.
             tracks=None
             if paths is None
@@ -422,48 +422,27 @@ def followed(
 
 def write_pictures(
     paths: Sequence[Place],
-    pictures: Sequence[Picture | MapPicture],
+    pictures: Sequence[Any],
     view: str,
     overwrite: bool,
     look: Look = AS_IT_COMES,
     report: Callable[[int], None] | None = None,
 ) -> list[str]:
-    """Write each picture to its file; `report` takes the number of those that are done. Notes as of `NewFiles.publish`.
+    """Write each picture to its file, or all as one that moves, by its suffix; notes as of `NewFiles.publish`.
 
-    Raises
-    ------
-    OptionError
-        A suffix is none of a picture.
-    OutputError
-        A file cannot be written.
+    `report` takes the number of those that are done. `OutputError`: a file cannot be written.
     """
-    for path in paths:
-        if path.suffix.lower() not in IMAGES:
-            raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
+    if paths[0].suffix.lower() in ANIMATIONS:
+        with NewFiles(paths, overwrite) as new:
+            with writing(paths[0]):
+                animate(pictures, view, new.part(paths[0]), look, report)
+            return new.publish()
     notes: list[str] = []
     for number, (path, picture) in enumerate(zip(paths, pictures, strict=True), 1):
         notes += write_whole(path, picture_bytes(picture, view, path.suffix.lower(), look), overwrite)
         if report is not None:
             report(number)
     return notes
-
-
-def write_animation(
-    path: Place,
-    pictures: Sequence[Picture],
-    view: str,
-    overwrite: bool,
-    look: Look = AS_IT_COMES,
-    report: Callable[[int], None] | None = None,
-) -> list[str]:
-    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`.
-
-    `report` hears of the number of frames that are drawn.
-    """
-    with NewFiles([path], overwrite) as new:
-        with writing(path):
-            animate(pictures, view, new.part(path), look, report)
-        return new.publish()
 
 
 def take_map(

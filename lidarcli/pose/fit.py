@@ -41,6 +41,8 @@ FAR_STEP, MAX_TRIED, FAR_PAIRS = 0.1, 1 << 17, 60
 MIN_DELAY, SHARPER = 0.03, 0.7
 """Least delay of poses that fit also without one [s], and the greatest cost with it as a share of that without; that of a
 far delay as a share of that of another one."""
+FAR_TURN = 0.35
+"""A mount that is turned by more is a fault by itself, and may be one of the driver [rad]."""
 ACCEPTED = 0.8
 """Share of agreeing pairs from which poses are accepted as they are."""
 CORRECTED, GAIN = 0.5, 0.1

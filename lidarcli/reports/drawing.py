@@ -382,7 +382,17 @@ class _Canvas(FigureCanvasAgg):
         return renderer
 
 
-def new_figure(width: float, height: float = 4.0, kind: type[Figure] = Figure) -> Figure:
+class _Shown(Figure):
+    """A figure without a window, which a notebook shows once."""
+
+    def _repr_png_(self) -> bytes:
+        out = io.BytesIO()
+        with project_style():
+            self.savefig(out, format="png")
+        return out.getvalue()
+
+
+def new_figure(width: float, height: float = 4.0, kind: type[Figure] = _Shown) -> Figure:
     """Return an empty figure of this size [inch] without a window."""
     figure = kind(figsize=(width, height), layout="constrained")
     _Canvas(figure)

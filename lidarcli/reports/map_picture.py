@@ -139,8 +139,8 @@ class MapPicture:
     """Number and path, (N, 2), of what moved; NaN where no sweep saw it go on."""
     snapshot: Snapshot | None = None
     title: str = ""
-    places: Sequence[tuple[str, Float64]] = ()
-    """State of a path on the map, of `PLACE_COLOURS`, and (N, 2) its places in this state."""
+    places: Sequence[tuple[str, Float64, str]] = ()
+    """State of a path on the map, of `PLACE_COLOURS`, (N, 2) its places in this state, and words on them, or none."""
     dwell: Dwell | None = None
     """In place of the paths of the agents."""
 
@@ -184,7 +184,7 @@ def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Extent:
     parts = [
         np.empty((0, 2)),
         *picture.paths,
-        *(places for _, places in picture.places),
+        *(places for _, places, _ in picture.places),
         *others,
         *(box.outline for box in picture.boxes),
     ]
@@ -231,9 +231,9 @@ def _draw_dwell(axes: Axes, dwell: Dwell) -> None:
     # A few places where somebody waits must not hide the paths.
     scale = LogNorm(max(some.min(), 0.05), max(some.max(), 0.1))
     shown = axes.imshow(some, cmap="YlOrRd", norm=scale, origin="lower", interpolation="nearest", extent=extent, zorder=2)
-    _colour_bar(axes, shown, "time of agents in a cell of 0.25 m [s]").ax.yaxis.set_major_formatter(
-        FuncFormatter(lambda value, _: f"{value:g}")
-    )
+    bar = _colour_bar(axes, shown, "time of agents in a cell of 0.25 m [s]").ax.yaxis
+    bar.set_major_formatter("{x:g}")
+    bar.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
 
 
 def _colour_bar(axes: Axes, shown: Any, words: str) -> Any:
@@ -253,7 +253,7 @@ def _occupied(grid: Occupancy | None) -> Float64:
 def _marks(picture: MapPicture) -> Iterator[Mark]:
     """Yield paths, boxes, agents, and the sweep."""
     shot = picture.snapshot
-    for state, places in picture.places:
+    for state, places, _ in picture.places:
         if len(places):
             yield Mark(places, {"marker": ".", "ls": "", "color": PLACE_COLOURS[state], "ms": 3.0, "zorder": 3}, state)
     for path in picture.paths:
@@ -277,12 +277,14 @@ def _marks(picture: MapPicture) -> Iterator[Mark]:
 
 
 def _labels(picture: MapPicture) -> Iterator[Label]:
-    """Yield labels of static tracks, and of agents at their last position."""
-    if len(picture.boxes) <= MAX_NUMBERS:
-        for box in picture.boxes:
-            if box.name:
-                # To the upper right.
-                yield Label(printable(box.name), box.outline, palette.BLUE, (box.x - 1.0, box.y - 1.0))
+    """Yield labels of static tracks, of agents at their last position, and of parts of a path."""
+    for box in picture.boxes if len(picture.boxes) <= MAX_NUMBERS else ():
+        if box.name:
+            # To the upper right.
+            yield Label(printable(box.name), box.outline, palette.BLUE, (box.x - 1.0, box.y - 1.0))
+    for state, places, words in picture.places:
+        if words and len(places):
+            yield Label(words, places[len(places) // 2][None], PLACE_COLOURS[state])
     for track, path in picture.agents[:MAX_NUMBERS]:
         before = path[np.isfinite(path[:, 0])][-2:][0]
         yield Label(str(track), path[-1:], palette.VERMILION, (float(before[0]), float(before[1])))
@@ -575,7 +577,7 @@ def _draw_background(axes: Axes, one: Background) -> None:
     posed = bool(one.posed.any())
     x0, y0, yaw = (part if posed else np.zeros(len(one)) for part in (one.poses.x, one.poses.y, one.poses.yaw))
     mirror = np.where(one.poses.upside_down, -1.0, 1.0)
-    direction = yaw[:, None] + mirror[:, None] * one.grid.bearings()
+    direction = yaw[:, None] + mirror[:, None] * one.grid.bearings
     surface = np.isfinite(one.r_e)
     ahead = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     ends = np.stack([x0, y0], axis=-1)[:, None] + np.where(surface, one.r_e, 0.0)[..., None] * ahead

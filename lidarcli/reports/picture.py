@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -37,11 +37,14 @@ from lidarcli.reports.drawing import (
     shown_on,
     write_gif,
 )
+from lidarcli.reports.map_picture import MapPicture, map_figure
 from lidarcli.reports.scene import NARROW, Limits, Picture, limits_of, scene
 
 __all__ = ["Axes", "Figure", "figure_of"]
 WIDTHS = {"all": 7.2, "scene": NARROW, "sweep": 5.04}
 """View → width of the whole picture [inch]: two columns of a paper, one, or between."""
+TICK = 0.26
+"""Room for the words of a tick on the axis of bearings [inch]."""
 CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve next to a scene or alone, and of one below a scene [inch]."""
 
@@ -56,12 +59,19 @@ class PanelPlace(NamedTuple):
     """Height [inch]; 0 for a scene, whose height follows from its width and content."""
     shares: bool = False
     """True if the panel below has the axis of bearings for both."""
+    width: float = math.inf
+    """Width [inch]."""
 
     def content(self, picture: Picture, limits: Limits) -> Panel:
         """Return the panel of a picture, here."""
         panel = self.panel(picture, limits)
-        names = ("", panel.frame.names[1])
-        return panel._replace(frame=replace(panel.frame, names=names)) if self.shares else panel
+        frame = panel.frame
+        if self.shares:
+            frame = replace(frame, names=("", frame.names[1]))
+        while (ticks := frame.x_ticks) is not None and len(ticks) * TICK > self.width:
+            # Every other one, with 0.
+            frame = replace(frame, x_ticks=ticks[ticks.index(0.0) % 2 :: 2] if 0.0 in ticks else ticks[::2])
+        return panel._replace(frame=frame)
 
 
 def width_of(view: str, look: Look) -> float:
@@ -84,17 +94,19 @@ def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[P
     def above(picture: Picture, limits: Limits) -> Panel:
         return scene(picture, limits, 0.85 * width * (_share(limits) if side_by_side else 1.0), vertices=look.vertices)
 
+    # Words on the left take a tenth or so.
+    room = [0.85 * width * each for each in (_share(limits), 1.0 - _share(limits))] if side_by_side else [0.85 * width]
     if side_by_side:
         return [
             PanelPlace(above, slice(0, 2), 0, 0.0),
-            PanelPlace(sweep, slice(0, 1), 1, CURVE, shares=True),
-            PanelPlace(difference, slice(1, 2), 1, CURVE),
-            *(PanelPlace(panel, slice(2, 3), column, CURVE) for column, panel in enumerate(compared)),
+            PanelPlace(sweep, slice(0, 1), 1, CURVE, shares=True, width=room[1]),
+            PanelPlace(difference, slice(1, 2), 1, CURVE, width=room[1]),
+            *(PanelPlace(panel, slice(2, 3), at, CURVE, width=room[at]) for at, panel in enumerate(compared)),
         ]
     shown = [] if view == "sweep" else [PanelPlace(above, slice(0, 1), 0, 0.0)]
     for panel in [] if view == "scene" else curves:
         row, height = len(shown), CURVE if view == "sweep" else LOW_CURVE
-        shown.append(PanelPlace(panel, slice(row, row + 1), 0, height, shares=panel is not curves[-1]))
+        shown.append(PanelPlace(panel, slice(row, row + 1), 0, height, panel is not curves[-1], room[0]))
     return shown
 
 
@@ -126,16 +138,6 @@ def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> 
         return file_bytes(figure, suffix, look.dpi)
 
 
-class _Shown(Figure):
-    """A figure without a window, which a notebook shows once."""
-
-    def _repr_png_(self) -> bytes:
-        out = io.BytesIO()
-        with project_style():
-            self.savefig(out, format="png")
-        return out.getvalue()
-
-
 def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, look: Look = AS_IT_COMES) -> Figure:
     """Return the picture as a figure; or draw it on `axes`, one for each panel, and return the figure of these.
 
@@ -147,7 +149,7 @@ def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, l
     limits = limits_of([picture])
     if axes is None:
         with project_style():
-            figure = new_figure(width_of(view, look), kind=_Shown)
+            figure = new_figure(width_of(view, look))
             draw_whole(figure, picture, view, limits, look)
         return figure
     places = places_of(picture, view, limits, look)
@@ -156,6 +158,12 @@ def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, l
     for own, place in zip(axes, places, strict=True):
         draw_panel(own, place.panel(picture, limits))
     return cast("Figure", axes[0].get_figure(root=True))
+
+
+def figure_of_map(picture: MapPicture, look: Look = AS_IT_COMES) -> Figure:
+    """Return a map as a figure, which a notebook shows."""
+    with project_style({"axes.grid": False}):
+        return map_figure(picture, look=look)
 
 
 def animate(

@@ -91,7 +91,7 @@ class Picture:
     detection: Detection
     profile: str
     threshold: str
-    """`adaptive`, `mean` or `0.3 m`."""
+    """`adaptive`, `mean` or `given`."""
     background: Float64 | None = None
     """(B,) r_e, the range without the objects of interest [m]; NaN where unknown."""
     difference: Float64 | None = None
@@ -133,7 +133,7 @@ class Picture:
     @cached_property
     def theta(self) -> Float64:
         """(B,) bearing of every beam [rad]."""
-        theta: Float64 = self.batch.bearings()[0]
+        theta: Float64 = self.batch.bearings[0]
         return theta
 
     @property

@@ -107,6 +107,7 @@ class Raw(NamedTuple):
         """Return some of the sweeps."""
         return Raw._make(column[index] for column in self)
 
+    @property
     def bearings(self) -> Float64:
         """Return (K, B) the bearing of each beam [rad]."""
         found: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * np.arange(self.ranges.shape[1])
@@ -169,7 +170,7 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
     if found is None:
         return
     raw, stream = found.raw, found.stream
-    theta = raw.bearings()
+    theta = raw.bearings
     hit = np.isfinite(raw.ranges) & np.isfinite(theta)
     hit &= ~_on_objects(run, raw, found.members, found.sweep)
     x, y = raw.ranges[hit] * np.cos(theta[hit]), raw.ranges[hit] * np.sin(theta[hit])
@@ -220,7 +221,7 @@ def _beams(run: Run, topic: str, raw: Raw) -> Iterator[Beams]:
     moving = run.objects.are("set", "A")[found.members]
     on_agent = _on_objects(run, found.raw, found.members[moving], found.sweep[moving])[taken]
     raw = found.raw.rows(taken)
-    theta = raw.bearings()
+    theta = raw.bearings
     there = np.isfinite(raw.ranges) & np.isfinite(theta)
     r, theta = np.where(there, raw.ranges, 0.0), np.where(there, theta, 0.0)
     sweep = np.broadcast_to(taken[:, None], r.shape)

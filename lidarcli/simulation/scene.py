@@ -64,6 +64,7 @@ class SceneSensor:
     time_increment: float = 0.0
     """Time from beam to beam [s]; 0 for a sweep taken in an instant."""
 
+    @property
     def bearings(self) -> Float64:
         """Return (B,) bearings of an undisturbed sweep."""
         bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)

@@ -246,7 +246,7 @@ def _placed(scene: Scene, block: SimulatedBlock) -> Beams:
     if sensor.time_increment:
         times = block.seconds[:, None] + sensor.time_increment * np.arange(beams)
         poses = scene.sensor_poses(times.ravel()).reshape(sweeps, beams, 3)
-    theta = poses[..., 2] + sensor.bearings()
+    theta = poses[..., 2] + sensor.bearings
     end = np.stack([poses[..., 0] + ranges * np.cos(theta), poses[..., 1] + ranges * np.sin(theta)])
     where = np.column_stack([poses.reshape(-1, 3), np.ones(poses.size // 3)])
     rows = len(where)

@@ -19,6 +19,8 @@ LONG_RANGE = 60.0
 """No 2D LiDAR has mostly ranges above this [m] and some above `FAR`."""
 WIDEST_VIEW = 1.5 * TURN
 """Widest view [rad] that a sweep can have."""
+NARROW = 30.0
+"""No sensor sees less [degrees]: radians of this many are no degrees."""
 UNUSABLE = 0.95
 """Share of beams without a range above which something may be wrong."""
 FINEST_STEP = 1e-5
@@ -31,6 +33,9 @@ IN_TURNS = 0.3
 """Share of compared sweeps above which two sensors are assumed to alternate."""
 LEAST = 6
 """Fewest compared sweeps."""
+MEET = 0.8
+"""Share of the sweeps of half a turn in which both ends have one range, and correlation of these, from which on they meet:
+no robot drives that exactly in the middle of a corridor."""
 FASTEST = 1000.0
 """No sensor sweeps faster [Hz]."""
 SOME = 3
@@ -79,7 +84,8 @@ PACES = 0.9, 1.1
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 
-_WIDE = "{name} sees {0.view_degrees:,.0f} deg ({0.wide:,} of {0.sweeps:,} sweeps): degrees written as radians? (--degrees)"
+_TOO_WIDE = "{name} sees {0.view_degrees:,.0f} deg ({0.wide:,} of {0.sweeps:,} sweeps): "
+_WIDE = _TOO_WIDE + "degrees written as radians? (--degrees)"
 _NO_RANGE = "{name}: {0.without:.1%} of the beams have no range ({0.causes_shown}): {0.remedy}"
 _NO_RANGES: tuple[tuple[str, Level, Callable[[Any], Any]], ...] = (
     ("limits", "error", lambda s: s.without > UNUSABLE and s.cause == "above range_max" and not s.has_limit),
@@ -106,12 +112,29 @@ SWEEP_RULES = (
     Rule(
         "geometry",
         "error",
-        lambda s: s.wide and not s.coarse,
+        lambda s: s.wide and not s.coarse and s.view < NARROW,
+        _TOO_WIDE + "angle_increment is too large",
+        "view sweeps=wide",
+        {"view": WIDEST_VIEW},
+    ),
+    Rule(
+        "geometry",
+        "error",
+        lambda s: s.wide and not s.coarse and s.view >= NARROW,
         _WIDE,
         "view sweeps=wide",
         {"view": WIDEST_VIEW},
         "--degrees",
         mend="units",
+    ),
+    Rule(
+        "geometry",
+        "error",
+        lambda s: s.meet > MEET,
+        "{name}: its half turn ends where it begins: angle_increment is half of what it should be",
+        "meet view",
+        {"meet": MEET},
+        mend="angles",
     ),
     Rule(
         "geometry",
@@ -124,7 +147,7 @@ SWEEP_RULES = (
     Rule(
         "geometry",
         "warning",
-        lambda s: s.off and not s.wide and not s.fine,
+        lambda s: s.off and not s.wide and not s.fine and s.meet <= MEET,
         "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used"
         "{0.cut} ({0.off:,} of {0.sweeps:,} sweeps)",
         "angle_max last_beam sweeps=off",
@@ -499,7 +522,7 @@ MIRROR = Rule(
     {"correlation": MIRRORED},
     mend="order",
 )
-MOUNT = Rule("mount", "warning", lambda s: s.differs, _SITS + "{0.says} {0.told_shown}", "*evidence", _ASKEW)
+MOUNT = Rule("mount", "warning", lambda s: s.differs, _SITS + "{0.says} {0.told_shown}{0.cause}", "*evidence", _ASKEW)
 MOUNT_UNKNOWN = Rule(
     "mount",
     "hint",

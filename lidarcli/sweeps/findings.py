@@ -12,6 +12,8 @@ from lidarcli.system.records import asdict, dataclass, field, replace
 
 Level = Literal["error", "warning", "hint"]
 """`error`: tables of this log would be wrong; `warning`: they may be; `hint`: good to know."""
+LEVELS: tuple[Level, ...] = ("error", "warning", "hint")
+"""The most harmful first."""
 FixKind = Literal["option", "transform", "mask", "mount"]
 
 IDS = (

@@ -357,8 +357,8 @@ class SweepPoses:
 class SweepBatch:
     """S sweeps of one topic in log order, their ranges judged. Rows are sweeps, columns are beams.
 
-    What is stored costs nothing and is an attribute; what is worked out anew at each call is a method. Angles are radians,
-    ranges metres, times nanoseconds since the epoch.
+    What has a value for each sweep or beam is an attribute; `bearings`, `points` and `seconds` are worked out at each use.
+    Angles are radians, ranges metres, times nanoseconds since the epoch.
 
     Attributes
     ----------
@@ -486,6 +486,7 @@ class SweepBatch:
             rows.insert(-1, ("intensities", span(known, "g", "in the sensor's unit")))
         return Facts(f"{self.topic}: {counted(len(self), 'sweep')} x {counted(self.width, 'beam')}", tuple(rows))
 
+    @property
     def seconds(self) -> Float64:
         """(S,) since the first sweep of the topic [s]; below 0 where the sensor's clock was set back."""
         seconds: Float64 = (self.stamp_ns - self.first_ns) / 1e9
@@ -495,14 +496,16 @@ class SweepBatch:
             seconds[beyond] = self.stamp_ns[beyond] / 1e9 - self.first_ns / 1e9
         return seconds
 
+    @property
     def bearings(self) -> Float64:
         """(S, B) θ_n = angle_min + n angle_increment [rad], also for padding."""
         columns = np.arange(self.width)
         return self.angle_min[:, None] + self.angle_increment[:, None] * columns
 
+    @property
     def points(self) -> Float64:
         """(S, B, 2) where each beam ended in the sensor frame: x ahead, y to the left [m]; NaN where it has no range."""
-        bearings = self.bearings()
+        bearings = self.bearings
         points: Float64 = self.ranges[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
         return points
 
@@ -512,13 +515,13 @@ class SweepBatch:
         import pandas as pd
 
         row, beam = np.nonzero(self.status != Status.PADDING)
-        x, y = self.points()[row, beam].T
+        x, y = self.points[row, beam].T
         return pd.DataFrame(
             {
                 "sweep": self.sweep[row],
                 "stamp": pd.DatetimeIndex(self.stamps[row], tz="UTC"),
                 "beam": beam,
-                "bearing": self.bearings()[row, beam],
+                "bearing": self.bearings[row, beam],
                 "range": self.ranges[row, beam],
                 "status": pd.Categorical.from_codes(self.status[row, beam], categories=pd.Index(STATUSES)),
                 "intensity": np.float32(np.nan) if self.intensities is None else self.intensities[row, beam],

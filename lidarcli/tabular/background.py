@@ -50,7 +50,7 @@ def background_rows(sensor: Background) -> pa.RecordBatch:
         codes(np.zeros(count, np.int32), (sensor.frame_id,)),
         plain(each.astype(np.int32)),
         plain(np.tile(np.arange(beams, dtype=np.int32), stations)),
-        floats(np.tile(sensor.grid.bearings(), stations)),
+        floats(np.tile(sensor.grid.bearings, stations)),
         *(floats(getattr(sensor, name).reshape(-1)) for name in _PER_BEAM),
         plain(sensor.sweeps[each]),
         *map(floats, (poses.x, poses.y, poses.yaw)),
@@ -162,7 +162,7 @@ def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
     }
     grid = Grid(entry["angle_min"], entry["angle_increment"], entry["beams"], entry["period"])
     # Other programs may keep single precision, of a relative precision of 1e-6.
-    off = np.abs(values["theta"] - grid.bearings()) if shape[0] else np.zeros(0)
+    off = np.abs(values["theta"] - grid.bearings) if shape[0] else np.zeros(0)
     if not (off <= SAME_BEAM * abs(grid.angle_increment) + 1e-6 * abs(grid.angle_min)).all():
         raise ValueError("bearings of another sensor")
     station, beam = np.indices(shape)

@@ -222,7 +222,7 @@ def objects_rows(
         "frame_id": codes(batch.frame[row], batch.frame_ids),
         "sweep": batch.sweep[row],
         "stamp": batch.stamp_ns[row],
-        "t": batch.seconds()[row],
+        "t": batch.seconds[row],
         "vertices": _lists(detection, VERTICES, detection.vertex_offsets, "vertex"),
         "faces": _lists(detection, FACES, detection.face_offsets, "face"),
     }
@@ -250,7 +250,7 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "frame_id": codes(batch.frame, batch.frame_ids),
         "sweep": batch.sweep,
         "stamp": batch.stamp_ns,
-        "t": batch.seconds(),
+        "t": batch.seconds,
         "beams": batch.beams,
     }
     columns |= zip(STATUSES, count_statuses(batch.status), strict=False)
@@ -281,7 +281,7 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
         "topic": constant(batch.topic, count),
         "sweep": batch.sweep[row],
         "beam": beam.astype(np.int32),
-        "theta": batch.bearings()[row, beam],
+        "theta": batch.bearings[row, beam],
         "r": batch.ranges[row, beam],
         "status": batch.status[row, beam],
         "s": detection.beam_s[row, beam],

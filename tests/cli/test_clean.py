@@ -7,11 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 
+import lidarcli as package
 from lidarcli.tabular.schemas import CLEANED
+from tests.places import SAMPLES
 from tests.sweeping import START, STEP, room_sweeps
 from tests.text_logs import write_log
 
@@ -46,6 +49,28 @@ def test_what_is_told_and_written(log: Path, tmp_path: Path, lidarcli: Run) -> N
     assert table["log"].unique().to_pylist() == ["run"]
     parameters = json.loads(table.schema.metadata[b"lidarcli.parameters"])
     assert (parameters["remove"], parameters["value"], parameters["margin"]) == (["agents", "temporary"], "inf", 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "removes"),
+    [
+        ((), True),
+        (("--margin", "2"), True),
+        (("--mend",), False),
+        (("--mend", "limits"), False),
+        (("--start", "0s"), False),
+        (("--run", "1"), False),
+        (("--mend", "limits", "--remove", "agents"), True),
+    ],
+)
+def test_nobody_is_taken_out_by_another_job(tmp_path: Path, lidarcli: Run, words: tuple[str, ...], removes: bool) -> None:
+    log, out = tmp_path / "people.mcap", tmp_path / "out.mcap"
+    lidarcli("-q", "simulate", SAMPLES / "people.toml", "-o", log, "--sweeps", 40, code=0)
+    lidarcli("clean", log, "-o", out, *words, code=0)
+    assert (tmp_path / "out.cleaned.parquet").exists() is removes
+    before, after = (sum(int(np.isnan(each.ranges).sum()) for each in package.read(path)) for path in (log, out))
+    assert (after > before) is removes
 
 
 @pytest.mark.slow

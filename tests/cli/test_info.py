@@ -210,10 +210,40 @@ def test_a_line_each(lidarcli: Run) -> None:
         "    fix: --range-unit mm",
         "  hint     clock      /scan: recorded 5.1 s after the stamps",
         "  to mend them in a copy:",
-        "    lidarcli clean odd.mcap -o odd.mended.mcap --remove none --mend units,clock",
+        "    lidarcli clean odd.mcap -o odd.mended.mcap --mend units,clock",
     ]
     assert "findings" not in lidarcli("info", "fine.mcap").out
     assert lidarcli("info", "odd.mcap", "--brief").out.endswith(" Hz, no poses, 2 findings\n")
+
+
+def test_findings_that_are_alike_are_one_and_the_worst_comes_first(tmp_path: Path, lidarcli: Run) -> None:
+    path, raw = tmp_path / "many.mcap", room_sweeps()
+    degrees = replace(raw, angle_increment=raw.angle_increment * 14)
+    write_log(
+        path,
+        [replace(degrees if k > 18 else raw, topic=f"/robot_{k}/scan", frame_ids=(f"/robot_{k}/l",)) for k in range(21)],
+    )
+    lines = lidarcli("info", path).out.partition("  findings\n")[2].splitlines()
+    shown = [line for line in lines if not line.startswith("    ")]
+    assert [line.split()[:2] for line in shown[:2]] == [["error", "units"]] * 2
+    slash = "/robot_0/scan: tf2 takes no frame whose name begins with / (alike: /robot_1/scan, /robot_10/scan, "
+    assert f"  hint     frames     {slash}/robot_11/scan, /robot_12/scan and 16 more)" in shown
+    every = lidarcli("-v", "info", path).out.splitlines()
+    assert sum("tf2 takes no frame" in line for line in every) == 21
+    (info,) = json.loads(lidarcli("info", path, "--format", "json").out)
+    assert sum("tf2 takes no frame" in each["message"] for each in info["findings"]) == 21
+
+
+@pytest.mark.usefixtures("folder")
+def test_findings_fill_a_screen_at_most(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    fixes = [Fix("transform", transform_lines("base_link", f"laser_{k}", 0.1 * k, 0.0, 0.0)) for k in range(30)]
+    findings = tuple(
+        Finding("mount", "warning", "/scan", f"l_{k}", f"laser_{k} sits", fix=fix) for k, fix in enumerate(fixes)
+    )
+    monkeypatch.setattr(deep, "deep_findings", lambda *_: deep.DeepFindings(findings))
+    lines = lidarcli("info", "fine.mcap", "--deep").out.partition("  findings\n")[2].splitlines()
+    assert (len(lines), lines[-1]) == (31, "  and 20 more findings: lidarcli -v info ... shows all")
+    assert len(lidarcli("-v", "info", "fine.mcap", "--deep").out.partition("  findings\n")[2].splitlines()) == 90
 
 
 @pytest.mark.usefixtures("folder")
@@ -303,12 +333,12 @@ def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkey
     ran = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml", code=0)
     assert ran.out.splitlines()[-10:-2] == [
         "  findings",
-        "  hint     units      a closer look counts",
-        "  hint     clock      /scan: recorded 5.1 s after the stamps",
         "  warning  mount      laser sits 0.13 m behind",
         *(f"    {line}" for line in text.splitlines()),
         "  warning  body       /scan: 6 beams never change",
         "    fix: --mask FILE.toml, which -o FILE.toml writes",
+        "  hint     units      a closer look counts",
+        "  hint     clock      /scan: recorded 5.1 s after the stamps",
     ]
     assert (folder / "robot.toml").read_text() == (
         '[[mask]]\ntopic = "/scan"\nsector = { from = -5.729578, to = 5.729578, nearest = 0.2, farthest = 0.3 }\n\n'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,8 @@ import pytest
 
 import lidarcli as lidarcli_api
 from lidarcli.errors import OptionError
+from lidarcli.reports import map_picture
+from lidarcli.reports.map_picture import MapPicture
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
@@ -317,6 +320,20 @@ def test_a_picture(lidarcli: Run, site: Path, tmp_path: Path) -> None:
     words = ("poses", site / "run.mcap", "--map", site / "site.yaml", "-o", tmp_path / "path.png")
     assert lidarcli(*words, "--poses", site / "lost.tum").code == 0
     assert (tmp_path / "path.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_tells_when_the_path_was_off_or_lost(
+    lidarcli: Run, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[MapPicture] = []
+    monkeypatch.setattr(map_picture, "draw_map", lambda picture, suffix: drawn.append(picture) or b"PNG")
+    words = ("poses", site / "run.mcap", "--map", site / "site.yaml", "--poses", site / "lost.tum")
+    lines = lidarcli(*words, "-o", tmp_path / "path.png").err
+    told = [words for _, places, words in drawn[0].places if words and len(places)]
+    assert told == [f"{begin} to {end} s" for begin, end in re.findall(r"(?:off|lost) from (\S+) to (\S+) s", lines)]
+    assert told
+    monkeypatch.undo()
+    assert all(one in map_picture.draw_map(drawn[0], ".svg").decode() for one in told)
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ def test_what_is_sent_is_read_as_the_page_says(name: str, tmp_path: Path) -> Non
     assert findings(log) == driver.found
     batch = sweeps(log)
     assert len(batch) == TURNS
-    theta = (batch.bearings() + np.pi) % TURN - np.pi
+    theta = (batch.bearings + np.pi) % TURN - np.pi
     inside = (theta > OPEN[0] + 0.03) & (theta < OPEN[1] - 0.03) & (batch.status < len(STATUSES))
     assert {STATUSES[code] for code in batch.status[inside]} == {driver.empty}
     lasts = np.zeros(TURNS) if batch.duration is None else batch.duration

@@ -137,7 +137,7 @@ def test_the_nearest_beam_is_that_of_the_whole_sweep(profile: str, seed: int) ->
             turn_over = batch.closure[row] == Closure.SHARED.value
             ranges = ranges[: batch.beams[row] - turn_over]
             assert found.nearest[row] == np.nanmin(ranges)
-            assert np.isclose(batch.bearings()[row, : len(ranges)], found.nearest_theta[row])[
+            assert np.isclose(batch.bearings[row, : len(ranges)], found.nearest_theta[row])[
                 ranges == found.nearest[row]
             ].any()
 

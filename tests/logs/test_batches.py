@@ -110,7 +110,7 @@ def test_seconds_count_from_the_first_sweep_of_each_topic_also_of_one_that_is_le
         block([3], topic="/b", stamps=[SECOND * 20]),
         block([3] * 5, first=2, stamps=[SECOND * 8 + stamp for stamp in stamps]),
     ]
-    found = {(batch.topic, int(batch.sweep[0])): batch.seconds().tolist() for batch in run(blocks, batch_size=2)}
+    found = {(batch.topic, int(batch.sweep[0])): batch.seconds.tolist() for batch in run(blocks, batch_size=2)}
     assert found == {
         ("/scan", 0): [0.0, 2.0],
         ("/scan", 2): [1.0, 1.00000025],
@@ -118,7 +118,7 @@ def test_seconds_count_from_the_first_sweep_of_each_topic_also_of_one_that_is_le
         ("/scan", 6): [1.0000003],
         ("/b", 0): [0.0],
     }
-    chosen = [batch.seconds().tolist() for batch in run(blocks, start=0.9, every=2)]
+    chosen = [batch.seconds.tolist() for batch in run(blocks, start=0.9, every=2)]
     assert chosen == [[1.0, 1.00000006, 1.0000003]]
 
 

@@ -341,7 +341,7 @@ def test_a_window_counts_from_a_first_sweep_without_a_stamp() -> None:
     block = replace(room(), stamp_ns=stamps, record_ns=START + STEP * np.arange(COUNT))
     (batch,) = read_batches(FakeLog([block]), ReadOptions(start=0.95, end=2.05), ReadReport())
     assert batch.sweep.tolist() == [*range(10, 21)]
-    assert batch.seconds()[0] == pytest.approx(1.0)
+    assert batch.seconds[0] == pytest.approx(1.0)
 
 
 def test_a_sensor_that_hangs_is_found_however_sweeps_are_cut() -> None:

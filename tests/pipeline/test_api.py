@@ -241,10 +241,10 @@ def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -
     path = tmp_path / "run.csv"
     path.write_text("time,r0,r1,r2\n1,1234,500,inf\n")
     (batch,) = lidarcli.read(path, fov=180, degrees=True, range_unit="mm", range_max=5)
-    assert batch.bearings()[0].tolist() == pytest.approx([-np.pi / 2, 0, np.pi / 2])
+    assert batch.bearings[0].tolist() == pytest.approx([-np.pi / 2, 0, np.pi / 2])
     assert batch.ranges[0, :2].tolist() == pytest.approx([1.234, 0.5])
     (other,) = lidarcli.read(path, fov=np.pi, range_unit="mm", range_max=5)
-    np.testing.assert_array_equal(batch.bearings(), other.bearings())
+    np.testing.assert_array_equal(batch.bearings, other.bearings)
     empty = SAMPLES / "room_empty.mcap"
     (one,) = lidarcli.background(empty, station_angle=10.0, station_distance=0.5)
     assert (one.angle, one.distance) == (np.deg2rad(10.0), 0.5)
@@ -406,51 +406,71 @@ COMMANDS = (
 FUNCTIONS = (*COMMANDS, "read", "tables")
 READING = {*COMMANDS} - {"export", "plot", "report"}
 """Functions that tell how far they are."""
-OF_THE_SHELL = {
-    *("help", "help-all", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
-    *("resume", "partition", "cluster", "brief", "stamps", "checks", "init"),
+_TABLES = "tables are returned; `pyarrow.parquet.write_table` makes files that every command reads"
+_CHECKS = "`report(result, check=...)` holds results against conditions"
+SHELL = {
+    **dict.fromkeys(("help-all", "verbose", "quiet"), "what is said on a terminal"),
+    **dict.fromkeys(("config", "format", "brief"), "how the command line gets its values, and prints its results"),
+    **dict.fromkeys(("files-from", "base", "shard", "dry-run"), "which of many logs: Python has lists"),
+    **dict.fromkeys(("resume", "partition", "cluster"), "how many tables are written into a folder"),
+    "init": "writes the file of checks for the command line",
 }
-"""Options of how a command is run, checks, prints or writes; `export` has the stamps in Python, too."""
-ONLY_SHELL = {
-    "background": {"plot"},
-    "detect": {"output", "beams"},
-    "track": {"output", "beams"},
-    "map": {"jobs"},
-    "zones": {"output", "check", "explain"},
-    "diff": {"check"},
-    "info": {"output", "check"},
-    "poses": {"check"},
-    "plot": {"sweeps", "map", "animate", "fps", "start", "end", "only", "density"},
+"""Options that make sense in a shell alone, and why."""
+SHELL_OF = {
+    **{(each, name): _TABLES for each in ("detect", "track", "background subtract") for name in ("output", "overwrite")},
+    **{(each, name): _CHECKS for each in ("diff", "zones") for name in ("check", "checks")},
+    **{
+        (each, "stamps"): "`export` and Arrow convert tables in memory"
+        for each in ("detect", "track", "background subtract", "zones", "map", "poses", "clean")
+    },
+    ("map", "jobs"): "Python works in its own process",
+    **dict.fromkeys(
+        (("info", "check"), ("info", "output"), ("info", "overwrite")),
+        "what is returned has the findings, and their fixes as text",
+    ),
+    ("poses", "check"): "the column map_state tells",
 }
-"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
-OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overwrite", "progress"}
+"""Those of one command."""
+OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "progress"}
 """What stands in the place of the arguments of a command, and what only Python has."""
+REPLACE = {"background", "map", "plot", "report"}
+"""Functions that replace files: cells of a notebook run again."""
 
 
 def options_of(command: str) -> dict[str, click.Option]:
-    found = dict(commands())["background build" if command == "background" else command]
     return {
-        max(option.opts, key=len).removeprefix("--"): option for option in found.params if isinstance(option, click.Option)
+        max(option.opts, key=len).removeprefix("--"): option
+        for option in dict(commands())[command].params
+        if isinstance(option, click.Option)
     }
 
 
-@pytest.mark.parametrize("function", COMMANDS)
-def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None:
-    options = options_of(function)
-    parameters = inspect.signature(getattr(lidarcli, function)).parameters
-    names = {name.replace("_", "-") for name in parameters.keys() - OWN}
-    named = {
-        name.removeprefix("no-") if isinstance(one, DeclaredOption) and one.declared.is_negated else name
-        for name, one in options.items()
-    } - (OF_THE_SHELL - {name for name in ("stamps",) if name in parameters})
+@pytest.mark.parametrize("command", [name for name, _ in commands() if name.split()[0] in COMMANDS])
+def test_every_option_of_a_command_is_a_keyword_of_its_function_with_its_default(command: str) -> None:
+    """`background subtract` is `detect(background=...)`."""
+    function = "detect" if command == "background subtract" else command.split()[0]
+    keywords = inspect.signature(getattr(lidarcli, function)).parameters
+    options = {
+        option.field: option
+        for name, option in options_of(command).items()
+        if isinstance(option, DeclaredOption) and name not in SHELL and (command, name) not in SHELL_OF
+    }
+    assert options.keys() - keywords.keys() == set()
     # The logs of a report are no argument of its command.
-    names |= {"log"} if function == "report" else set()
-    assert names == named - ONLY_SHELL.get(function, set())
+    assert keywords.keys() - options.keys() == keywords.keys() & OWN - ({"log"} if function == "report" else set())
     for name, option in options.items():
-        if name.replace("-", "_") in parameters and isinstance(option.default, int | float | str):
-            default = parameters[name.replace("-", "_")].default
-            assert default == option.default or name == "output", name
+        if isinstance(option.default, int | float | str) and name != "output":
+            default = keywords[name].default
+            expected = function in REPLACE if name == "overwrite" else option.default != option.declared.is_negated
+            assert default == (expected if isinstance(default, bool) else option.default), name
             assert type(default) in (bool, int, float, str, tuple)
+
+
+def test_what_only_the_shell_has_is_there() -> None:
+    known = {(command, name) for command, _ in commands() for name in options_of(command)}
+    assert {*SHELL} <= {name for _, name in known}
+    assert {*SHELL_OF} <= known
+    assert {command.split()[0] for command, _ in commands()} - {*COMMANDS} == {"config", "completion"}
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shutil
 from dataclasses import replace
 from html import unescape
@@ -212,7 +213,7 @@ def test_tables_in_memory_are_no_paths() -> None:
 
 
 LATER = "no sweep 34 of /scan in this batch, whose sweeps are 0 to 9"
-NO_VIEW = "--view: 'top' is not one of all, scene, sweep"
+NO_VIEW = "--view: 'top' is not one of all, scene, sweep, map"
 
 
 def pixels(data: bytes) -> np.ndarray:
@@ -245,6 +246,13 @@ def test_a_batch_is_drawn_like_its_log(tmp_path: Path) -> None:
     assert dots[0] == dots[1]
 
 
+def test_tables_in_a_file_are_drawn_over_a_batch(tmp_path: Path) -> None:
+    assert run(["-q", "track", str(PEOPLE), "-o", str(tmp_path)]) == 0
+    (batch,) = lidarcli.read(PEOPLE)
+    lidarcli.plot(batch[60], tracks=tmp_path, view="scene", output=tmp_path / "paths.svg")
+    assert "track: agent" in (tmp_path / "paths.svg").read_text("utf-8")
+
+
 def test_the_sweep_at_a_time() -> None:
     expected = lidarcli.plot(ROOM, 34, view="scene")._suptitle.get_text()
     for at in (3.42, "3.42s", "2023-11-14T22:13:23.42Z"):
@@ -256,6 +264,8 @@ def test_how_large_it_is_and_what_it_says() -> None:
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(89)
     assert figure._suptitle is None
     assert not figure.legends
+    title = " ".join(lidarcli.plot(ROOM, 34, view="scene", threshold=0.3)._suptitle.get_text().split())
+    assert "$d_{th}$ = 0.3 m (given), " in title
 
 
 def test_on_axes_that_somebody_has() -> None:
@@ -271,7 +281,7 @@ def test_on_axes_that_somebody_has() -> None:
 
 
 def test_what_cannot_be_drawn() -> None:
-    with pytest.raises(OptionError, match="give either at or sweep"):
+    with pytest.raises(OptionError, match="--sweep and --at exclude each other: leave one out"):
         lidarcli.plot(ROOM, 34, at=1.0)
     with pytest.raises(OptionError, match="--at: nan is neither a number of seconds nor a text"):
         lidarcli.plot(ROOM, at=float("nan"))
@@ -300,6 +310,113 @@ def test_what_cannot_be_drawn() -> None:
         with pytest.raises(error) as caught:
             call()
         assert str(caught.value) == words
+
+
+def test_a_sweep_is_named_by_its_number_and_the_only_one_not_at_all() -> None:
+    (batch,) = lidarcli.read(ROOM)
+    titles = [
+        figure._suptitle.get_text().splitlines()[0]
+        for figure in (
+            lidarcli.plot(batch[50], view="scene"),
+            lidarcli.plot(batch[50], 50, view="scene"),
+            lidarcli.plot(batch, 50, view="scene"),
+            lidarcli.plot(batch[50:52], view="scene"),
+        )
+    ]
+    assert titles == ["room  /scan  sweep 50"] * 4
+    with pytest.raises(OptionError, match=r"^no sweep 0 of /scan in this batch, whose sweeps are 50 to 50$"):
+        lidarcli.plot(batch[50], 0)
+
+
+def test_several_sweeps_and_what_moves(tmp_path: Path) -> None:
+    (batch,) = lidarcli.read(ROOM)
+    look = {"view": "scene", "width": 60, "dpi": 50}
+    for log in (ROOM, batch):
+        for sweeps in ("3,4", [3, 4], range(3, 5), np.array([3, 4])):
+            lidarcli.plot(log, sweeps=sweeps, output=tmp_path / "one.png", **look)  # type: ignore[arg-type]
+        lidarcli.plot(log, sweeps="3:6", animate=True, output=tmp_path / f"{type(log).__name__}.gif", fps=20, **look)  # type: ignore[arg-type]
+    lidarcli.plot(ROOM, animate=True, start=0.3, end=0.6, output=tmp_path / "part.gif", **look)
+    lidarcli.plot(batch[3:6], animate=True, output=tmp_path / "rest.gif", **look)
+    names = ["SweepBatch.gif", "one-3.png", "one-4.png", "part.gif", "rest.gif", f"{type(ROOM).__name__}.gif"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    for path in tmp_path.glob("*.gif"):
+        with Image.open(path) as film:
+            assert film.n_frames == 3, path.name
+    with pytest.raises(OutputError):
+        lidarcli.plot(ROOM, output=tmp_path / "part.gif", animate=True, overwrite=False, **look)
+    for more, words in (
+        ({"sweeps": [1, 2]}, "several sweeps are files: name them by output"),
+        ({"animate": True}, "several sweeps are files: name them by output"),
+        ({"animate": True, "output": "a.png"}, "--output: a.png: the suffix has to be one of .gif, .mp4"),
+        ({"sweeps": [1.5]}, "--sweeps: 1.5 is no whole number"),
+        ({"sweeps": []}, "--sweeps: no sweep is named"),
+        ({"sweep": 1, "start": 1}, "--start is for --animate without --sweep and --sweeps"),
+        ({"density": True}, "--density is for --view map --tracks TABLE"),
+        ({"view": "map", "axes": Figure().subplots()}, "--view map is a picture of its own, without axes of others"),
+    ):
+        with pytest.raises(OptionError) as caught:
+            lidarcli.plot(ROOM, **more)  # type: ignore[arg-type]
+        assert str(caught.value) == words
+    with pytest.raises(TypeError, match="zones and maps are drawn of a log, not of a batch"):
+        lidarcli.plot(batch, view="map")
+
+
+def test_a_map_of_the_run_with_tracks_in_memory(tmp_path: Path) -> None:
+    tracked = lidarcli.track(PEOPLE, beams=True)
+    assert tracked.beams.num_rows == 80 * 1081
+    file = tmp_path / "picture.svg"
+
+    def words(**more: Any) -> list[str]:
+        lidarcli.plot(PEOPLE, output=file, **more)
+        return re.findall(r"<text[^>]*>([^<]*)</text>", file.read_text("utf-8"))
+
+    assert any("time of agents in a cell" in one for one in words(view="map", tracks=tracked, density=True))
+    # Numbers are those of tracks and of the axes.
+    every, some = (words(view="map", tracks=tracked, only=only) for only in ((), [2]))
+    assert [every.count(number) - some.count(number) for number in "246"] == [0, 1, 1]
+    assert "track: agent" in words(view="scene", tracks=PEOPLE, at=3)
+    assert pixels(lidarcli.plot(DRIVE, view="map")._repr_png_()).shape[0] > 100
+
+
+def test_beams_of_the_objects_in_memory() -> None:
+    objects, beams = lidarcli.detect(ROOM, end=1.0, beams=True)
+    assert beams.num_rows == 10 * 361
+    assert objects.equals(lidarcli.detect(ROOM, end=1.0))
+    assert lidarcli.report(lidarcli.detect(ROOM, end=1.0, beams=True)).figures["sweeps"] == 10
+    (batch,) = lidarcli.read(ROOM, end=1.0)
+    assert lidarcli.detect(batch, beams=True)[1]["s"].equals(beams["s"])
+
+
+def test_a_background_is_drawn_and_an_event_explained(tmp_path: Path) -> None:
+    lidarcli.background(SAMPLES / "room_empty.mcap", plot=tmp_path / "empty.png")
+    with Image.open(tmp_path / "empty.png") as picture:
+        assert picture.size[0] > 500
+    zones = tmp_path / "near.toml"
+    zones.write_text('[[zone]]\nname = "near"\ncircle = { x = 0, y = 0, radius = 2.5 }\n')
+    why = tmp_path / "why.html"
+    events, _ = lidarcli.zones(PEOPLE, why, zones=zones, explain=3.8)
+    assert events.num_rows == 2
+    assert "near" in why.read_text("utf-8")
+    for more, words in (
+        (
+            {"output": "a.parquet"},
+            "--output: a.parquet is none of .html, .png, .gif, .mp4 for --explain; tables are returned",
+        ),
+        (
+            {"explain": "worst"},
+            "--explain writes a page, a picture or a film: give -o why.html, why.png, why.gif or why.mp4",
+        ),
+    ):
+        with pytest.raises(OptionError) as caught:
+            lidarcli.zones(PEOPLE, zones=zones, **more)  # type: ignore[arg-type]
+        assert str(caught.value) == words
+
+
+def test_checks_of_a_file_are_held(tmp_path: Path) -> None:
+    checks = tmp_path / "checks.toml"
+    checks.write_text('checks = ["sweeps >= 10", "objects < 50"]\n')
+    report = lidarcli.report(lidarcli.detect(ROOM, end=1.0), check="sweeps == 10", checks=checks)
+    assert [each.holds for each in report.checks] == [True, True, False]
 
 
 def test_a_sweep_is_counted_from_the_first() -> None:
@@ -397,11 +514,11 @@ def test_a_notebook_shows_them_as_a_table() -> None:
 def test_points_lie_where_the_beams_ended() -> None:
     batch = lidarcli.formalism.sweep([[1.0, 2.0, np.inf, 3.0]], angle_min=0.0, angle_increment=np.pi / 2)
     expected = [[[1, 0], [0, 2], [np.nan, np.nan], [0, -3]]]
-    np.testing.assert_allclose(batch.points(), expected, atol=1e-15)
+    np.testing.assert_allclose(batch.points, expected, atol=1e-15)
 
 
 def test_a_batch_as_a_data_frame() -> None:
-    (batch,) = lidarcli.read(SAMPLES / "people.csv.gz", end=0.1)
+    (batch,) = lidarcli.read(PEOPLE, end=0.1)
     short = replace(batch, beams=np.array([1081, 3], np.int32), status=batch.status.copy())
     short.status[1, 3:] = lidarcli.Status.PADDING
     frame = short.to_pandas()
@@ -433,7 +550,7 @@ def test_a_batch_is_a_sequence_of_sweeps() -> None:
         assert np.shares_memory(one.ranges, batch.ranges)
     assert batch[3:9:2].sweep.tolist() == [3, 5, 7]
     assert batch[[5, 2]].sweep.tolist() == batch[np.array([5, 2])].sweep.tolist() == [5, 2]
-    assert batch[batch.seconds() >= 29].sweep.tolist() == [145, 146, 147, 148, 149]
+    assert batch[batch.seconds >= 29].sweep.tolist() == [145, 146, 147, 148, 149]
     assert len(batch[200:]) == 0
     assert [one.sweep.tolist() for one in batch[:3]] == [[0], [1], [2]]
     assert batch.rows(slice(2, 4)).sweep.tolist() == [2, 3]

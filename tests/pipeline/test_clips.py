@@ -179,7 +179,7 @@ def test_a_part_without_people_is_told_by_the_whole_log(tmp_path: Path) -> None:
     log = tmp_path / "people.mcap"
     assert run(["-q", "simulate", str(SAMPLES / "people.toml"), "-o", str(log)]) == 0
     lidarcli.clean(log, tmp_path / "whole.mcap")
-    lidarcli.clean(log, tmp_path / "part.mcap", start=1, end=2)
+    lidarcli.clean(log, tmp_path / "part.mcap", start=1, end=2, remove="agents")
     whole, part = messages(tmp_path / "whole.mcap"), messages(tmp_path / "part.mcap")
     assert parts(part) == parts(whole[20:40])
 
@@ -298,7 +298,7 @@ def test_what_is_told_of_a_part_is_of_the_part(tmp_path: Path, capsys: pytest.Ca
     assert run(["-q", "simulate", str(SAMPLES / "people.toml"), "-o", str(log)]) == 0
     capsys.readouterr()
     words = ["clean", str(log), "-o", str(out), "--start", "2s", "--end", "3s", "--mend", "limits", "--range", "0.2", "20"]
-    assert run([*words, "--format", "json"]) == 0
+    assert run([*words, "--remove", "agents", "--format", "json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)["logs"]
     (batch,) = lidarcli.read(out)
     rows = pq.read_table(tmp_path / "part.cleaned.parquet")
@@ -307,5 +307,5 @@ def test_what_is_told_of_a_part_is_of_the_part(tmp_path: Path, capsys: pytest.Ca
     assert sum(told["removed"].values()) == lost == sum(sum(rows[name].to_pylist()) for name in ("agents", "margin"))
     assert (sum(told["beams"].values()), told["mended"]) == (int(batch.beams.sum()), {"/scan": {"limits": 20}})
     assert json.loads(rows.schema.metadata[b"lidarcli.parameters"])["start"] == 2.0
-    assert run([*words[:4], "--remove", "none", "--start", "2s", "--end", "3s", "--overwrite", "--format", "json"]) == 0
+    assert run([*words[:8], "--overwrite", "--format", "json"]) == 0
     assert json.loads(capsys.readouterr().out)["logs"][0]["sweeps"] == 20

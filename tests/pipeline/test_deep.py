@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import lidarcli
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.sources import Source
@@ -85,11 +87,24 @@ def test_a_mount_that_is_not_told_is_found(tmp_path: Path, mount: Place, odometr
     assert (told.frame, told.parent) == ("laser", "base_link")
     assert (told.x, told.y, told.yaw) == tuple(finding.evidence[name] for name in ("x", "y", "yaw"))
     assert finding.message.startswith("laser sits at x ")
-    assert finding.message.endswith("in base_link; tf says x 0.00 m, y 0.00 m, yaw 0.0 degrees")
+    cause = "; or its first beam is elsewhere (angle_min)" if mount[2] > 1.0 else ""
+    assert finding.message.endswith(f"in base_link; tf says x 0.00 m, y 0.00 m, yaw 0.0 degrees{cause}")
     assert finding.evidence["cells"] < finding.evidence["cells_told"]
     assert finding.fix is not None
     assert finding.fix.kind == "transform"
     assert finding.fix.text == transform_lines("base_link", "laser", told.x, told.y, told.yaw)
+
+
+@pytest.mark.slow
+def test_a_transform_that_is_pasted_ends_its_finding(tmp_path: Path) -> None:
+    scene = scene_of(odometry=WHEELS, mount=SceneMount((0.2, 0.1, 0.1), in_log=False))
+    fix = only(deep(drive(tmp_path / "run.mcap", scene)), "mount").fix
+    assert fix is not None
+    x, y, yaw = (float(word) for word in re.findall(r"--(?:x|y|yaw) (\S+)", fix.text.splitlines()[0]))
+    poses = simulate_odometry(scene, scene.sweeps)
+    assert poses is not None
+    write_log(tmp_path / "told.mcap", sweeps_of(scene), poses=replace(poses, mount=(x, y, yaw)))
+    assert deep(tmp_path / "told.mcap") == DeepFindings()
 
 
 @pytest.mark.slow
@@ -326,6 +341,15 @@ def test_the_body_of_a_robot_that_drives_is_told(tmp_path: Path) -> None:
     assert len(found.masks.masks) == 2
     assert finding.fix is not None
     assert finding.fix.kind == "mask"
+
+
+@pytest.mark.slow
+def test_a_mask_that_is_written_ends_its_finding(tmp_path: Path) -> None:
+    log, mask = drive(tmp_path / "run.mcap", scene_of(odometry=WHEELS), with_body), tmp_path / "robot.toml"
+    found = {each["id"]: each["fix"] for each in lidarcli.info(log, deep=True)[0]["findings"]}
+    assert {*found} == {"too_close", "body"}
+    mask.write_text(found["body"]["text"])
+    assert "body" not in [each["id"] for each in lidarcli.info(log, deep=True, mask=mask)[0]["findings"]]
 
 
 @pytest.mark.slow

@@ -103,7 +103,12 @@ EVERY = np.arange(60)
 FAULTS: dict[str, tuple[str, str, Change, str]] = {
     "cut short": ("geometry", "warning", cut_short, "/scan: 200 to 360 beams see 199 to 359 deg: some sweeps are"),
     "motor": ("geometry", "hint", motor, "/scan: 340 to 360 beams by sweep: slam_toolbox takes only as many as the first"),
-    "turns": ("geometry", "error", scaled(angle_increment=1.6), "/scan sees 574 deg (60 of"),
+    "turns": (
+        "geometry",
+        "error",
+        scaled(angle_increment=1.6),
+        "/scan sees 574 deg (60 of 60 sweeps): angle_increment is too",
+    ),
     "degrees": ("units", "error", scaled(angle_increment=14.0), "/scan sees 5,026 deg (60 of"),
     "beyond": ("limits", "warning", beyond, "/scan: 43.6% of the beams are beyond the greatest range of 4 m that the log"),
     "nan": ("no_return", "hint", filled(0.2, np.nan), "/scan: 20% of the beams are NaN (--no-return nan)"),
@@ -205,6 +210,71 @@ def test_topics_of_their_own_repeat_nothing(tmp_path: Path) -> None:
     raw = sound()
     write_log(tmp_path / "run.mcap", [raw, replace(raw, topic="/other", ranges=raw.ranges + np.float32(0.001))])
     assert findings_of(tmp_path / "run.mcap") == ()
+
+
+def of_drive(path: Path) -> list[Finding]:
+    """Findings of a log of the robot that goes round about, which comes close to a pillar."""
+    return [each for each in findings_of(path) if each.id != "too_close"]
+
+
+def halved(raw: RawSweeps) -> RawSweeps:
+    """Steps of half the angle: a driver that takes a whole turn for half of one."""
+    return replace(raw, angle_increment=raw.angle_increment / 2)
+
+
+def all_halved(raw: RawSweeps) -> RawSweeps:
+    return replace(halved(raw), angle_min=raw.angle_min / 2)
+
+
+def from_ahead(raw: RawSweeps) -> RawSweeps:
+    return replace(halved(raw), angle_min=raw.angle_min * 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".mcap", ".bag", ".db3"])
+@pytest.mark.parametrize(("change", "first"), [(halved, -math.pi), (all_halved, -math.pi), (from_ahead, 0.0)])
+def test_steps_of_half_a_turn_in_place_of_a_whole_one_are_told_and_mended(
+    tmp_path: Path, change: Change, first: float, suffix: str
+) -> None:
+    path, out = tmp_path / f"run{suffix}", tmp_path / f"mended{suffix}"
+    write_log(path, [change(concatenate(driven()))])
+    (found,) = of_drive(path)
+    assert (found.id, found.level, found.mend) == ("geometry", "error", "angles")
+    assert found.evidence["meet"] == pytest.approx(0.913)
+    assert found.message == "/scan: its half turn ends where it begins: angle_increment is half of what it should be"
+    lidarcli.clean(path, out, remove="none", mend="angles")
+    assert of_drive(out) == []
+    (batch,) = lidarcli.read(out, pose="none")
+    assert batch.angle_increment == pytest.approx(np.full(SWEEPS, TURN / 360))
+    assert batch.angle_min == pytest.approx(np.full(SWEEPS, first))
+
+
+@pytest.mark.parametrize("way", [round_about, standing])
+def test_half_a_turn_that_is_one_has_no_finding(tmp_path: Path, way: Any) -> None:
+    sensor = SceneSensor(beams=181, angle_min=-math.pi / 2, angle_increment=TURN / 360, noise=0.01)
+    path = tmp_path / "run.mcap"
+    write_log(path, [block.raw for block in simulate_blocks(scene_of(way, sensor), SWEEPS, 0)])
+    assert of_drive(path) == []
+    # Whether half of a turn that never changes is a whole one cannot be told.
+    write_log(tmp_path / "parked.mcap", [halved(sound())])
+    assert not any("meet" in each.evidence for each in findings_of(tmp_path / "parked.mcap"))
+
+
+def rolled(raw: RawSweeps) -> RawSweeps:
+    """The first beam is a quarter of a turn elsewhere."""
+    return replace(raw, ranges=np.roll(raw.ranges, 90, axis=1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("late", "ids"), [(0.0, ["mount"]), (0.3, ["delay", "mount"])])
+def test_beams_that_begin_elsewhere_are_a_mount_or_a_first_beam(tmp_path: Path, late: float, ids: list[str]) -> None:
+    poses = told(round_about(np.arange(SWEEPS) * 0.1), stamps() + round(late * SECOND))
+    write_log(tmp_path / "run.mcap", [rolled(concatenate(driven()))], poses=poses)
+    found = of_drive(tmp_path / "run.mcap")
+    assert [each.id for each in found] == ids
+    words = "sensor turned by -90 degrees: its mount, or its first beam is elsewhere (angle_min)"
+    assert found[-1].message == f"poses from /odom fit if corrected: {words}"
+    assert math.degrees(found[-1].evidence["yaw"]) == pytest.approx(-90.0, abs=1.0)
 
 
 def test_findings_as_json(tmp_path: Path) -> None:
@@ -396,7 +466,7 @@ def twice(raw: RawSweeps) -> RawSweeps:
 
 FIXES: dict[str, tuple[Change, str]] = {
     "degrees": (scaled(angle_increment=14.0), "units --degrees"),
-    "wide": (scaled(angle_increment=1.6), "geometry --degrees"),
+    "wide": (scaled(angle_increment=10.0), "geometry --degrees"),
     "millimetres": (scaled(ranges=1000.0, range_max=1000.0), "units --range-unit mm"),
     "centimetres": (scaled(ranges=100.0, range_max=100.0), "units --range-unit cm"),
     "nan": (filled(0.2, np.nan), "no_return --no-return inf,zero,max,above,pile,nan"),
@@ -405,6 +475,7 @@ FIXES: dict[str, tuple[Change, str]] = {
     "in turns": (in_turns, "frames --every 2"),
     "twice": (twice, "duplicate --every 2"),
     "time_increment": (scaled(time_increment=0.5), "rolling --no-deskew"),
+    "codes": (lambda raw: filled(0.05, 0.004)(scaled(range_min=0.0)(raw)), "codes --range 0.02 12"),
 }
 """Fault → its change of a sound log, and the rule that finds it with its fix."""
 

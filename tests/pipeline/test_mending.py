@@ -486,7 +486,7 @@ def test_static_transforms_of_the_first_part(kind: str, tmp_path: Path) -> None:
 
 def test_mending_and_removing_together_is_mending_first(tmp_path: Path) -> None:
     log = written(tmp_path, "mcap", [FAULTS["microseconds"].change(sound())])
-    table = lidarcli.clean(log, tmp_path / "both.mcap", mend="times")
+    table = lidarcli.clean(log, tmp_path / "both.mcap", mend="times", remove="agents")
     assert table["log"].unique().to_pylist() == ["run"]
     assert findings_of(tmp_path / "both.mcap") == ()
 
@@ -579,7 +579,7 @@ def test_info_names_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert run(["info", str(log)]) == 0
     line = capsys.readouterr().out.splitlines()[-1].strip()
     out = log.with_name("run.mended.mcap")
-    assert line == f"lidarcli clean {log} -o {out} --remove none --mend times,no-return"
+    assert line == f"lidarcli clean {log} -o {out} --mend times,no-return"
     assert run(line.split()[1:]) == 0
     assert findings_of(out) == ()
     assert "/scan: no-return 60, times 60" in capsys.readouterr().err

@@ -36,7 +36,7 @@ def test_the_walls_vanish_and_the_people_remain() -> None:
     for table, most, least in ((alone, 1.0, 0.4), (against, 0.03, 0.0)):
         # Objects within 15 cm of the surfaces of the background.
         x, y = table["x"].to_numpy(), table["y"].to_numpy()
-        theta, r_e = sensor.grid.bearings(), sensor.r_e[0]
+        theta, r_e = sensor.grid.bearings, sensor.r_e[0]
         wall = np.column_stack([r_e * np.cos(theta), r_e * np.sin(theta)])[np.isfinite(r_e)]
         near = np.array([np.hypot(*(wall - point).T).min() < 0.15 for point in np.column_stack([x, y])])
         assert least <= near.mean() <= most
@@ -71,7 +71,7 @@ def test_people_who_stand_in_most_sweeps_do_not_become_the_background(number: in
         for leg in positions:
             total += 1
             near += bool((np.hypot(*(objects - leg).T) < 0.25).any())
-            beam = np.abs(sensor.grid.bearings() - np.arctan2(leg[1], leg[0])).argmin()
+            beam = np.abs(sensor.grid.bearings - np.arctan2(leg[1], leg[0])).argmin()
             on_robot += bool(abs(sensor.r_e[0, beam] - np.hypot(*leg)) < 0.05 and sensor.support[0, beam] > 0.9)
     assert (total, near) == (legs, found)
     assert near / (total - on_robot) > 0.99

@@ -221,5 +221,5 @@ def test_the_clouds_of_a_real_sensor_are_its_sweeps() -> None:
         np.testing.assert_array_equal(one.status, other.status)
         valid = one.status == Status.VALID
         np.testing.assert_allclose(one.ranges[valid], other.ranges[valid], atol=1e-6)
-        np.testing.assert_allclose(one.bearings(), other.bearings(), atol=1e-7)
+        np.testing.assert_allclose(one.bearings, other.bearings, atol=1e-7)
         assert valid.mean() > 0.9

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,8 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.reports import curves, drawing
 from lidarcli.reports import picture as panels
-from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
-from lidarcli.reports.picture import animate, draw
+from lidarcli.reports.drawing import Mark, Panel, draw_panel, new_figure, project_style, write_gif
+from lidarcli.reports.picture import animate, draw, draw_whole
 from lidarcli.reports.scene import Limits, Picture, ZoneInSight, limits_of, printable, scene
 from lidarcli.reports.world import TrackPath
 from lidarcli.sweeps.masks import Mount, Polygon
@@ -225,6 +226,25 @@ def test_tracks_in_the_scene() -> None:
     assert path == [[1.0, 0.0], [1.0, 0.1], [1.0, 0.2]]
     assert (line, head) == ([[1.0, 0.2], [1.0, 1.2]], [[1.0, 1.2]])
     assert one.title[1].startswith("1970-01-01T00:00:00.000Z, 2 tracks (1 agent), profile paper, ")
+
+
+@pytest.mark.parametrize("width", [None, 60.0, 183.0])
+@pytest.mark.parametrize("beams", [37, 72])
+def test_bearings_on_the_axes_stand_apart(beams: int, width: float | None) -> None:
+    """Beside a background the axis of r_w and r_e is a third of the picture wide."""
+    one = replace(picture([4.0] * beams), background=np.full(beams, 4.0), difference=np.zeros(beams))
+    look = Look(width=width)
+    for view in ("all", "sweep"):
+        with project_style():
+            figure = new_figure(panels.width_of(view, look))
+            axes = draw_whole(figure, one, view, limits_of([one]), look)
+            figure.canvas.draw()
+        for each in axes:
+            words = [text.get_window_extent() for text in each.get_xticklabels() if text.get_text()]
+            assert all(left.x1 < right.x0 for left, right in pairwise(words)), view
+        bearings = [each.get_xticks().tolist() for each in axes if "bearing" in each.get_xlabel()]
+        assert bearings
+        assert all(0.0 in ticks for ticks in bearings)
 
 
 def test_the_difference_marks_jumps_and_edges() -> None:

@@ -112,7 +112,7 @@ def test_only_what_would_return_counts():
     # Half of the view holds nothing: of the other half, a fifth flickers.
     wall = make.wall([[2, -300], [2, 300]])
     gone = gone_of(replace(FLICKERING, range_max=500.0), (wall,))
-    bearing = np.abs(FLICKERING.bearings())
+    bearing = np.abs(FLICKERING.bearings)
     assert gone[:, bearing > np.pi / 2].all()
     assert gone[:, bearing < 1.55].mean() == pytest.approx(0.2, rel=0.05)
 
@@ -138,7 +138,7 @@ def test_dark_things_flicker_more():
 
 INCREMENT = 0.001
 TURNING = SceneSensor(beams=91, angle_min=-np.pi / 4, angle_increment=np.pi / 180, time_increment=INCREMENT)
-BEARINGS = TURNING.bearings()
+BEARINGS = TURNING.bearings
 PLATE = make.box(4.0, 0.0, 2.0, 30.0, 0.0, SceneMotion(velocity=(-0.8, 0.0)))
 """Its near side is 3 m ahead at first and comes closer."""
 

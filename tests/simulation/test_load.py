@@ -42,7 +42,7 @@ def test_an_empty_file_is_the_default_sensor_in_the_void(load):
     ],
 )
 def test_views(load, view, first, last):
-    bearings = np.degrees(load(f"[sensor]\n{view}").sensor.bearings())
+    bearings = np.degrees(load(f"[sensor]\n{view}").sensor.bearings)
     assert bearings[[0, -1]] == pytest.approx([first, last])
 
 

@@ -69,7 +69,7 @@ def points_by_hand(log: Path, x: float, y: float, radius: float) -> dict[str, li
     found: dict[str, list[int]] = {}
     for batch in lidarcli.read(log):
         place = FRONT if batch.topic == "/scan_front" else REAR
-        bearing = batch.bearings() + place[2]
+        bearing = batch.bearings + place[2]
         px, py = place[0] + batch.ranges * np.cos(bearing), place[1] + batch.ranges * np.sin(bearing)
         found.setdefault(batch.topic, []).extend(np.sum(np.hypot(px - x, py - y) < radius, axis=1).tolist())
     return found

@@ -188,7 +188,7 @@ def test_a_zone_in_the_world_while_the_robot_drives(tmp_path: Path) -> None:
     expected = []
     for batch in lidarcli.read(log):
         pose = poses[batch.sweep]
-        bearing = batch.bearings() + pose[:, 2:]
+        bearing = batch.bearings + pose[:, 2:]
         x = pose[:, :1] + batch.ranges * np.cos(bearing)
         y = pose[:, 1:2] + batch.ranges * np.sin(bearing)
         expected += np.sum(np.hypot(x + 0.25, y - 0.9) < 0.4, axis=1).tolist()

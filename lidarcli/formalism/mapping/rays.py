@@ -150,7 +150,7 @@ class Ends:
         """
         geometry = np.column_stack([batch.angle_min, batch.angle_increment])
         shared = bool((geometry == geometry[:1]).all())
-        theta = batch.rows(np.arange(len(batch))[: 1 if shared else None]).bearings()
+        theta = batch.rows(np.arange(len(batch))[: 1 if shared else None]).bearings
         self.owner: list[Any] = []
         self.width = batch.width
         self.farthest = farthest

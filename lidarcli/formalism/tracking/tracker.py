@@ -327,7 +327,7 @@ class Tracker:
             sizes = TrackLabels(self._catalogue).measure(batch, detection, then)
         pending = _PendingBatch(batch, detection, np.empty(len(detection), RESULT), len(batch))
         self._pending.append(pending)
-        each = (batch.sweep, batch.stamp_ns, batch.seconds(), posed, sensor, placed)
+        each = (batch.sweep, batch.stamp_ns, batch.seconds, posed, sensor, placed)
         all_rows: NDArray[np.void] = np.empty(len(batch), SWEEP)
         for name, values in zip(SWEEP.names or (), each, strict=True):
             all_rows[name] = values

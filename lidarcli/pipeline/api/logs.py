@@ -18,6 +18,7 @@ from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.registry import TopicChoice
+from lidarcli.options.choices import EXPLAINED, IMAGES
 from lidarcli.options.forms import options_of
 from lidarcli.options.groups import (
     OVERLAY_RULES,
@@ -47,6 +48,7 @@ from lidarcli.pipeline.api.options import (
     LogOptions,
     clean_options,
     diff_options,
+    explained,
     given,
     log_options,
     overlay_options,
@@ -55,7 +57,7 @@ from lidarcli.pipeline.api.options import (
     several,
     zone_options,
 )
-from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, draw_background, refuse_nothing, refuse_output
 from lidarcli.pipeline.clean.log import clean_log
 from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.differences.changes import Difference, refuse_outputs, write_changes
@@ -72,6 +74,7 @@ from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
+from lidarcli.pipeline.zones.run import refuse_outputs as refuse_zone_outputs
 from lidarcli.pipeline.zones.run import watch
 from lidarcli.pipeline.zones.summary import CountedTables, ZoneTables
 from lidarcli.simulation import Simulated, run
@@ -155,14 +158,22 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
 
 @with_keywords()
 def background(
-    log: Paths, output: AnyPath | None = None, *, progress: Progress = False, **options: Unpack[LearningGroup]
+    log: Paths,
+    output: AnyPath | None = None,
+    overwrite: bool = True,
+    *,
+    plot: AnyPath | None = None,
+    progress: Progress = False,
+    **options: Unpack[LearningGroup],
 ) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
     Parameters
     ----------
     log : as of `read`
-    output : background table to write, replaced where it exists; by default none
+    output : background table to write; by default none
+    overwrite : False to refuse files that exist
+    plot : picture of it to write: .png, .svg or .pdf; by default none
 
     Returns
     -------
@@ -182,27 +193,32 @@ def background(
         )
     )
     sources = sources_of(log, options["join"])
-    path = given(place_of, output)
-    if path is not None:
-        refuse_output(path, sources, overwrite=True)
+    path, figure = given(place_of, output), given(place_of, plot)
+    if figure is not None and figure.suffix.lower() not in IMAGES:
+        raise OptionError(f"--plot: {figure} is none of {', '.join(IMAGES)}")
+    refuse_output([each for each in (path, figure) if each is not None], sources, overwrite)
     with watched(progress, sources) as report:
         for source in sources:
             warn_of(source, building.add(source, progress_of(source, report)).warnings)
     sensors = building.sensors()
     refuse_nothing(sensors)
-    for note in [] if path is None else building.write(path, sensors):
+    notes = [] if path is None else building.write(path, sensors, overwrite)
+    for note in [*notes, *([] if figure is None else draw_background(figure, sensors, overwrite))]:
         warn(note)
     return tuple(sensors)
 
 
 @with_keywords()
-def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[MappingGroup]) -> Occupancy:
+def map(
+    log: Paths, output: Paths = (), overwrite: bool = True, *, progress: Progress = False, **options: Unpack[MappingGroup]
+) -> Occupancy:
     """One occupancy grid of one or several logs whose sensors moved.
 
     Parameters
     ----------
     log : as of `read`
-    output : files to write, replaced where they exist, each of the kind that its suffix says; by default none
+    output : files to write, each of the kind that its suffix says; by default none
+    overwrite : False to refuse files that exist
 
     Returns
     -------
@@ -220,7 +236,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
     """
     made_with = MapOptions(
         *log_options(options),
-        overwrite=True,
+        overwrite=overwrite,
         **{name: value for name, value in options.items() if name not in options_of(ReadingGroup)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
@@ -430,12 +446,16 @@ def overlay(
 
 
 @with_keywords(*ZONE_RULES)
-def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables | CountedTables:
+def zones(
+    log: Paths, output: Paths = (), overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Zoning]
+) -> ZoneTables | CountedTables:
     """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 
     Parameters
     ----------
     log : logs as of `read`, each of which is a log of its own in the tables
+    output : files to write with what `explain` answers: .html, .png, .gif or .mp4
+    overwrite : True to replace files that exist
 
     Returns
     -------
@@ -450,11 +470,20 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
         A zone file does not say what a zone is, or zones that need objects are watched without.
     UnreadableError, NoScanError
         As of `read`; also where nothing leads to the frame of a zone, or poses contradict the sweeps.
+    OutputError
+        A file exists, or cannot be written.
     """
     if not options["zones"]:
         raise TypeError("zones() needs zones=FILE")
-    parsed = zone_options(options, log_options(options))
+    paths, why = [place(each) for each in several(output)], options["explain"]
+    for path in paths:
+        if why is None or path.suffix.lower() not in EXPLAINED:
+            raise OptionError(f"--output: {path} is none of {', '.join(EXPLAINED)} for --explain; tables are returned")
+    parsed = explained(zone_options(options, log_options(options), overwrite=overwrite), why, paths, lambda *_: ())
     sources = sources_of(log, options["join"])
+    if why is not None and len(sources) != 1:
+        raise OptionError(f"--explain is for one log, and these are {len(sources):,}")
+    refuse_zone_outputs(sources, None, parsed)
     found = [one.tables for one in over_logs(sources, progress, lambda one, bar: watch(one, parsed, progress=bar))]
     if len(found) == 1:
         return found[0]

@@ -6,7 +6,7 @@ Both name the values by the fields of `lidarcli.options.groups`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import timedelta
 from os import PathLike, fspath
@@ -19,12 +19,12 @@ from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.open_options import open_options, range_rules
-from lidarcli.options.choices import NS, TRAIL
+from lidarcli.options.choices import MAP, NS, REMOVABLE, TRAIL
 from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
 from lidarcli.options.times import SECOND_NS, TimeZone, as_time, parse_zone
-from lidarcli.options.values import AnyPath, parse_every, parse_mends, parse_removed, parse_value
+from lidarcli.options.values import SWEEP, AnyPath, parse_every, parse_mends, parse_removed, parse_sweeps, parse_value
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
 from lidarcli.sweeps.masks import Masks
 
@@ -199,9 +199,12 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     from lidarcli.pipeline.clean.options import CleanOptions
 
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
+    # Who asks for another job has not asked for this one.
+    is_alone = all(options[name] is None for name in ("mend", "merge", "clips", "start", "end", "run"))
+    remove = (REMOVABLE[0] if is_alone else NONE) if options["remove"] is None else options["remove"]
     return CleanOptions(
         detect_options({**options, "catalogue": None}, logs, tracking_of()),
-        remove=_words("remove", options["remove"], parse_removed) - {NONE},
+        remove=_words("remove", remove, parse_removed) - {NONE},
         value=parse_value(str(options["value"])),
         overwrite=overwrite,
         mend=given(lambda words: _words("mend", words, parse_mends), options["mend"]),
@@ -226,13 +229,13 @@ def _words(name: str, value: Any, parse: Callable[[str], str]) -> frozenset[str]
     return frozenset(word.strip() for word in parse(",".join(words)).split(","))
 
 
-def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
-    """Return what is drawn of some sweeps, None for all, and how it is found; without tracks."""
+def plot_options(options: Values, parameters: Parameters | None = None) -> PlotOptions:
+    """Return what is drawn, and how it is found; without tracks, and without the sweep of a time."""
     from lidarcli.pipeline.plotting import PlotOptions
 
     read, opening, poses = log_options({**options, "topic": None, "start": None, "end": None})
     return PlotOptions(
-        sweeps=sweeps,
+        sweeps=_sweeps_of(options),
         parameters=parameters_of(parameters, options),
         rules=read.rules,
         opening=opening,
@@ -242,10 +245,33 @@ def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[i
         zones=_zones_of(options),
         follow="" if options["follow"] is None else str(options["follow"]).strip(),
         time_zone=read.time_zone,
-        topic=options.get("topic"),
-        start=given(lambda time: as_time(time, read.time_zone), options.get("start")),
-        end=given(lambda time: as_time(time, read.time_zone), options.get("end")),
+        topic=options["topic"],
+        start=given(lambda time: as_time(time, read.time_zone), options["start"]),
+        end=given(lambda time: as_time(time, read.time_zone), options["end"]),
     )
+
+
+def _sweeps_of(options: Values) -> tuple[int, ...] | None:
+    """Return the sweeps to draw: the first by default; None: all, or that of a time."""
+    if options["sweep"] is not None or options["sweeps"] is not None:
+        name = "sweep" if options["sweeps"] is None else "sweeps"
+        try:
+            sweeps = listed(options[name], parse_sweeps)
+            for sweep in sweeps:
+                SWEEP.check(sweep)
+            if not sweeps:
+                raise OptionError("no sweep is named")
+        except OptionError as err:
+            raise OptionError(f"--{name}: {err}") from None
+        return tuple(dict.fromkeys(map(int, sweeps)))
+    return None if options["animate"] or options["view"] == MAP or options["at"] is not None else (0,)
+
+
+def listed(value: Any, parse: Callable[[str], Iterable[Any]]) -> list[Any]:
+    """Return the values of an option that is a list, one text or one value alone; None stands for the default."""
+    if value is None:
+        return []
+    return [*parse(value)] if isinstance(value, str) else [*value] if isinstance(value, Iterable) else [value]
 
 
 def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
@@ -283,6 +309,18 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     )
     refuse_options(parsed)
     return parsed
+
+
+def explained(parsed: ZoneOptions, wanted: float | str | None, outputs: Sequence[Place], commands: Any) -> ZoneOptions:
+    """Return the options with what is to be explained, a time or `worst`, if anything; `commands` as of `Explained`."""
+    from lidarcli.pipeline.zones.options import Explained
+
+    if wanted is None:
+        return parsed
+    if not outputs:
+        raise OptionError("--explain writes a page, a picture or a film: give -o why.html, why.png, why.gif or why.mp4")
+    time = None if wanted == "worst" else as_time(wanted, parsed.detect.read.time_zone)
+    return replace(parsed, explain=Explained(time, tuple(outputs), commands))
 
 
 def _zones_of(options: Values) -> Zones | None:

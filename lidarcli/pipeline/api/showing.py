@@ -5,108 +5,114 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from os import fspath
 from typing import Any, Unpack
 
 from lidarcli.errors import OptionError, warn
 from lidarcli.files.newfiles import refuse, write_whole
 from lidarcli.files.stores import place
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.options.choices import Look
-from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting
-from lidarcli.options.reading import Delay, Joining, PoseGroup, Ranges
-from lidarcli.options.times import as_time
-from lidarcli.options.values import SWEEP, AnyPath, Changed, Paths, TableOrPath, Tables
+from lidarcli.options.choices import MAP
+from lidarcli.options.forms import options_of, refuse_combinations
+from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting, SweepGroup
+from lidarcli.options.reading import Delay, Joining, PoseGroup, Ranges, WindowGroup
+from lidarcli.options.values import AnyPath, Changed, Paths, TableOrPath, Tables
+from lidarcli.pipeline.api.drawing import at_its_time, draw_log, look_of, refuse_suffix, refused
 from lidarcli.pipeline.api.keywords import with_keywords
-from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, time_zone_of
+from lidarcli.pipeline.api.options import Values, listed, plot_options, refuse_reading, several, time_zone_of
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
-from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
-from lidarcli.pipeline.reporting import ReportOptions, encoded, format_of, make_report, render, understand
+from lidarcli.pipeline.plotting import Drawn, PlotOptions, pictures_of, write_pictures
+from lidarcli.pipeline.reporting import ReportOptions, checks_of, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import CheckVerdict
-from lidarcli.reports.picture import Axes, Figure, figure_of
+from lidarcli.reports.map_picture import MapPicture
+from lidarcli.reports.picture import Axes, Figure, figure_of, figure_of_map
 from lidarcli.reports.programs import as_dict
 from lidarcli.reports.report import Report
-from lidarcli.reports.scene import Picture
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.reading import TableInMemory
 
-_LOOK = ("width", "dpi", "title", "legend", "vertices")
 HEIGHT = 720
 """Height of the report in a notebook [px]."""
 
 
-@with_keywords(*PLOT_RULES)
+@with_keywords()
 def plot(
     log: Paths | SweepBatch,
-    sweep: int = 0,
+    sweep: int | None = None,
     output: AnyPath | None = None,
     parameters: Parameters | None = None,
     axes: Axes | Sequence[Axes] | None = None,
+    overwrite: bool = True,
     **options: Unpack[Plotting],
 ) -> Figure:
-    """One sweep with its objects, as `lidarcli plot` draws it.
+    """Sweeps with their objects, a map of the run or an animation, as `lidarcli plot` draws them.
 
     Parameters
     ----------
-    log : one log as of `read`, with `join` its parts, of which no more than the sweep needs is read; or a batch of `read`
-    sweep : index of the sweep within its topic
-    output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
+    log : one log as of `read`, with `join` its parts, of which no more than the sweeps need is read; or a batch of `read`
+    sweep : number of the sweep within its topic, as in tables and in `batch.sweep`; by default the first that there is
+    output : picture to write: .png, .svg or .pdf, with `animate` .gif or .mp4; by default none. Several sweeps get a file
+        each, FIG-N.png
     parameters : replaces the keywords from `profile` to `walls`
     axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `sweep`: 2, `all`: 3; with
         a background 2 more); by default a figure of its own
+    overwrite : False to refuse a file that exists
 
     Returns
     -------
     matplotlib.figure.Figure
-        The figure; a notebook shows it. It belongs to no window: give `axes` of a figure that has one.
+        The figure, of several sweeps that of the first; a notebook shows it. It belongs to no window: give `axes` of a
+        figure that has one.
 
     Raises
     ------
     UnreadableError, NoScanError
         As of `read`.
     OptionError
-        As of `read`, the sweep is not there, or there are not as many axes as panels.
+        As of `read`, a sweep is not there, or there are not as many axes as panels.
     OutputError
-        The picture cannot be written.
+        A picture cannot be written.
     """
-    picture = _picture(log, sweep, parameters, options)
-    look = Look(**{name: options[name] for name in _LOOK})  # type: ignore[literal-required]
-    if output is not None:
-        for note in write_pictures([place(fspath(output))], [picture], options["view"], True, look):
-            warn(note)
-    return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
+    values = {**options, "log": () if isinstance(log, SweepBatch) else log, "sweep": sweep}
+    known = options_of(SweepGroup) | options_of(Plotting)
+    refuse_combinations(PLOT_RULES, known, values, lambda name: known[name].is_changed(values[name]))
+    refuse_suffix(output, values)
+    wanted, look = plot_options(values, parameters), look_of(values)
+    if axes is not None and options["view"] == MAP:
+        raise OptionError("--view map is a picture of its own, without axes of others")
+    if output is None and (options["animate"] or len(wanted.sweeps or ()) > 1):
+        raise OptionError("several sweeps are files: name them by output")
+    if isinstance(log, SweepBatch):
+        wanted = replace(_in_batch(log, values, wanted), tracks=_tracks(options["tracks"], log.log))
+        paths = refused(output, None, values, wanted, overwrite)
+        drawn: Drawn[Any] = Drawn(pictures_of(log, wanted), (), ())
+    else:
+        source = one_log(several(log), options["join"])
+        wanted = replace(at_its_time(source, values, wanted), tracks=_tracks(options["tracks"], source.name))
+        paths = refused(output, source, values, wanted, overwrite)
+        drawn = draw_log(source, values, wanted)
+        for line in drawn.damage:
+            warn(f"{source.label}: {line}")
+    for note in write_pictures(paths, drawn.pictures, options["view"], overwrite, look) if paths else ():
+        warn(note)
+    first = drawn.pictures[0]
+    if isinstance(first, MapPicture):
+        return figure_of_map(first, look)
+    return figure_of(first, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
 
 
-class _OfLogs(Joining, PoseGroup, Delay, Ranges):
+class _OfLogs(Joining, PoseGroup, Delay, Ranges, WindowGroup):
     """Options for reading the log of which a sweep is drawn."""
 
 
-def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, options: Values) -> Picture:
-    try:
-        SWEEP.check(sweep)
-    except OptionError as err:
-        raise OptionError(f"--sweep: {err}") from None
-    wanted = plot_options(options, parameters, (sweep,))
-    if isinstance(log, SweepBatch):
-        refuse_reading(options, _OfLogs, "topic", "at")
-        if options["zones"]:
-            raise TypeError("zones are drawn into the sweep of a log, not of a batch")
-        return picture_of(log, sweep, replace(wanted, tracks=_tracks(options["tracks"], log.log)))
-    source = one_log(several(log), options["join"])
-    wanted = replace(wanted, tracks=_tracks(options["tracks"], source.name))
-    if (at := options["at"]) is not None:
-        if sweep:
-            raise OptionError("--at names one sweep: give either at or sweep")
-        try:
-            time = as_time(at, wanted.time_zone)
-        except OptionError as err:
-            raise OptionError(f"--at: {err}") from None
-        wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
-    drawn = take_pictures(source, wanted)
-    for line in drawn.damage:
-        warn(f"{source.label}: {line}")
-    return drawn.pictures[0]
+def _in_batch(batch: SweepBatch, options: Values, wanted: PlotOptions) -> PlotOptions:
+    """Return what is drawn of a batch: without a number its first sweep, of an animation all."""
+    refuse_reading(options, _OfLogs, "topic", "at")
+    if options["zones"] or options["view"] == MAP:
+        raise TypeError("zones and maps are drawn of a log, not of a batch")
+    if options["sweep"] is not None or options["sweeps"] is not None:
+        return wanted
+    return replace(wanted, sweeps=tuple(batch.sweep[: None if options["animate"] else 1].tolist()))
 
 
 def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
@@ -178,7 +184,10 @@ class RunReport:
 
 @with_keywords()
 def report(
-    tables: Tables | Changed | Iterable[TableOrPath | Changed], output: Paths = (), **options: Unpack[Reporting]
+    tables: Tables | Changed | Iterable[TableOrPath | Changed],
+    output: Paths = (),
+    overwrite: bool = True,
+    **options: Unpack[Reporting],
 ) -> RunReport:
     """The figures of one or many runs, held against checks, from tables that are in memory or in files.
 
@@ -187,8 +196,9 @@ def report(
     tables : what `detect`, `track`, `tables`, `zones` or `diff` returned, or such tables, as Arrow tables or data frames;
         paths of objects, sweeps or tracks tables (the others of a log are found beside each), of tables of changes, folders
         or patterns; or several of all
-    output : files to write, replaced where they exist, each in the format that its suffix says: .txt, .md, .html, .json
-        or .xml (JUnit); by default none
+    output : files to write, each in the format that its suffix says: .txt, .md, .html, .json or .xml (JUnit); by default
+        none
+    overwrite : False to refuse files that exist
 
     Returns
     -------
@@ -207,10 +217,9 @@ def report(
     OutputError
         A file cannot be written.
     """
-    check = options["check"]
     parsed = ReportOptions(
         tables=tuple(tables_of(tables)),
-        checks=(check,) if isinstance(check, str) else tuple(check),
+        checks=checks_of({"check": listed(options["check"], lambda text: [text]), "checks": several(options["checks"])}),
         baseline=tuple(tables_of(options["baseline"])),
         logs=tuple(several(options["log"])),
         join=options["join"],
@@ -219,11 +228,11 @@ def report(
     understand(parsed)
     files = {place(name): format_of(place(name)) for name in several(output)}
     read = map(str, table_files(each for each in (*parsed.tables, *parsed.baseline) if isinstance(each, str)))
-    refuse(files, True, [*read, *files_of(find_logs(parsed.logs))], devices=True)
+    refuse(files, overwrite, [*read, *files_of(find_logs(parsed.logs))], devices=True)
     made = make_report(parsed, viewer="html" in files.values())
     for problem in made.problems:
         warn(problem)
     for file, form in files.items():
-        for note in write_whole(file, encoded(render(made, form)), overwrite=True, devices=True):
+        for note in write_whole(file, encoded(render(made, form)), overwrite, devices=True):
             warn(note)
     return RunReport(made, parsed)

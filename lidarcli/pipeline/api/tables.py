@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
@@ -19,7 +19,15 @@ from lidarcli.options.reading import ReadingGroup
 from lidarcli.options.values import AnyPath, Paths, parse_names, parse_numbers
 from lidarcli.options.values import Tables as GivenTables
 from lidarcli.pipeline.api.keywords import Progress, sources_of, watched, with_keywords
-from lidarcli.pipeline.api.options import Values, detect_options, log_options, memory_of, refuse_reading, tracking_of
+from lidarcli.pipeline.api.options import (
+    Values,
+    detect_options,
+    listed,
+    log_options,
+    memory_of,
+    refuse_reading,
+    tracking_of,
+)
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import remember_sweeps, tables_to_export
@@ -50,17 +58,19 @@ def detect(
     Returns
     -------
     pyarrow.Table
-        One row per object per sweep (docs/tables.md); `.to_pandas()` makes a data frame of it.
+        One row per object per sweep (docs/tables.md); `.to_pandas()` makes a data frame of it. With `beams=True` a tuple of
+        this table and that of the beams.
 
     Raises
     ------
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    made = _found(log, ("objects", "sweeps"), parameters, options, memory_of(options), progress)
-    remember_sweeps(made["objects"], made["sweeps"])
-    objects: pa.Table = made["objects"]
-    return objects
+    made = _found(
+        log, ["objects", "sweeps", *["beams"] * options["beams"]], parameters, options, memory_of(options), progress
+    )
+    remember_sweeps(objects := made["objects"], made.pop("sweeps"))
+    return (objects, made["beams"]) if options["beams"] else objects
 
 
 @with_keywords()
@@ -78,19 +88,20 @@ def track(
     -------
     TrackTables
         `objects`, `sweeps` and `tracks`, each a pyarrow.Table as the command line writes it (docs/tables.md); and
-        `trajectories`, which unpacking leaves out.
+        `trajectories` and `beams`, which unpacking leaves out.
 
     Raises
     ------
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    names = [*TrackTables._fields, *(["trajectories"] if options["trajectories"] else [])]
-    made = _found(log, names, parameters, options, tracking_of(options), progress)
+    more = [name for name in ("trajectories", "beams") if options[name]]
+    made = _found(log, [*TrackTables._fields, *more], parameters, options, tracking_of(options), progress)
     remember_sweeps(made["objects"], made["sweeps"])
-    trajectories = made.pop("trajectories", None)
+    aside = {name: made.pop(name) for name in more}
     found = TrackTables(**made)
-    found.trajectories = trajectories
+    for name, table in aside.items():
+        setattr(found, name, table)
     return found
 
 
@@ -142,7 +153,7 @@ def tables(
     # Here the name is that of the columns of the tables.
     columns, options["columns"] = options["columns"], ()
     made = _found(log, names, parameters, options, tracking_of(options), progress)
-    if chosen := _listed(columns, parse_names):
+    if chosen := listed(columns, parse_names):
         made = narrowed(made, chosen)
     frames = {name: _frame(table) for name, table in made.items()}
     remember_sweeps(frames["objects"], made["sweeps"])
@@ -150,13 +161,6 @@ def tables(
     found = Tables(**frames)
     found.trajectories = trajectories
     return found
-
-
-def _listed(value: Any, parse: Callable[[str], Sequence[Any]]) -> list[Any]:
-    """Return the values of an option that is a list, one text or one value alone; None stands for the default."""
-    if value is None:
-        return []
-    return [*parse(value)] if isinstance(value, str) else [*value] if isinstance(value, Iterable) else [value]
 
 
 def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str, pa.Table]:
@@ -230,7 +234,7 @@ def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **opti
     OutputError
         The file exists, or cannot be written.
     """
-    columns, only = _listed(options["columns"], parse_names), _listed(options["only"], parse_numbers)
+    columns, only = listed(options["columns"], parse_names), listed(options["only"], parse_numbers)
     path = place(fspath(output))
     form = format_of(path)
     wanted = chosen(tables_to_export(tables), columns, options["stamps"], only)

@@ -45,7 +45,7 @@ class _Places(NamedTuple):
         # Most sweeps have the same bearings.
         geometry = np.stack([batch.angle_min, batch.angle_increment])
         _, one, at = np.unique(geometry, axis=1, return_index=True, return_inverse=True)
-        bearing = batch.rows(one).bearings()
+        bearing = batch.rows(one).bearings
         x, y = ranges * np.cos(bearing)[at.ravel()], ranges * np.sin(bearing)[at.ravel()]
         slant = 2.0 * np.abs(batch.angle_increment)[:, None] * ranges
         with np.errstate(invalid="ignore"):

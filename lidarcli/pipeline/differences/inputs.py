@@ -142,7 +142,7 @@ def _of_background(text: str) -> ObservedRun:
     for sensor in groups[chosen]:
         x, y, yaw = (np.nan_to_num(each) for each in (sensor.poses.x, sensor.poses.y, sensor.poses.yaw))
         side = np.where(sensor.poses.upside_down, -1.0, 1.0)
-        direction = yaw[:, None] + side[:, None] * sensor.grid.bearings()
+        direction = yaw[:, None] + side[:, None] * sensor.grid.bearings
         surface, is_open = np.isfinite(sensor.r_e), np.isinf(sensor.r_e) & np.isfinite(sensor.range_max)
         ranges = np.where(surface, sensor.r_e, np.where(is_open, sensor.range_max, np.nan))
         end = np.stack([x[:, None] + ranges * np.cos(direction), y[:, None] + ranges * np.sin(direction)])

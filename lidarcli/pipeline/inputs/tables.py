@@ -509,8 +509,8 @@ def _each_table(values: Any) -> Iterator[Any]:
         elif is_in_memory(each):
             yield each
         elif isinstance(each, tuple) and hasattr(each, "_fields"):
-            together = [*each, getattr(each, "trajectories", None)]
-            yield [table for table in together if table is not None]
+            together = [*each, *(getattr(each, name, None) for name in ("trajectories", "beams"))]
+            yield [*{id(table): table for table in together if table is not None}.values()]
         elif _has_changes(each):
             yield each.changes
         else:

@@ -240,10 +240,10 @@ def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
 def _refuse_apart(name: str, sensor: Background, batch: SweepBatch, frame: str) -> None:
     """Refuse a sensor whose view has no direction in common with that of the background."""
     first = batch.rows(np.zeros(1, np.int64))
-    beams = sensor.grid.beam(first.bearings()[:, : int(first.beams[0])])
+    beams = sensor.grid.beam(first.bearings[:, : int(first.beams[0])])
     posed = bool(sensor.posed.any()) and batch.poses is not None
     if beams.size and not (beams >= 0).any() and not posed:
-        views = (np.degrees([each.min(), each.max()]) for each in (sensor.grid.bearings(), first.bearings()[0]))
+        views = (np.degrees([each.min(), each.max()]) for each in (sensor.grid.bearings, first.bearings[0]))
         known, here = (f"{low:.1f} to {high:.1f} deg" for low, high in views)
         raise OptionError(
             f"the views of {name} ({known}) and of frame {frame or 'without a name'} ({here}) do not overlap; build a "

@@ -271,7 +271,7 @@ class _Body:
             return batch.ranges
         # A header may say anything.
         with np.errstate(over="ignore", invalid="ignore"):
-            columns = np.rint((batch.bearings() - self._first) / self._step)
+            columns = np.rint((batch.bearings - self._first) / self._step)
         row, beam = np.nonzero((columns >= 0) & (columns < self._beams))
         ranges = np.full((len(batch), self._beams), np.nan, np.float32)
         ranges[row, columns[row, beam].astype(np.int64)] = batch.ranges[row, beam]

@@ -31,7 +31,7 @@ from lidarcli.pose.calibration import (
     solve,
     stretches_over,
 )
-from lidarcli.pose.fit import ACCEPTED, LARGE_TURN, mount_between, pairs_of, poses_after, steps_between
+from lidarcli.pose.fit import ACCEPTED, FAR_TURN, LARGE_TURN, mount_between, pairs_of, poses_after, steps_between
 from lidarcli.pose.frames import FrameTree, Step, along
 from lidarcli.pose.matched import AUTO, headers_of, wrapped
 from lidarcli.pose.messages import frame_name
@@ -321,6 +321,8 @@ def mount_finding(sensor: SensorSamples, found: Calibrated | None) -> tuple[list
     stats = _placed(mount, np.maximum(found.solution.deviations[:3], SURE), found.logged, mount, **cells)
     assumed = sensor.chain is not None and sensor.chain.assumption
     stats.says, stats.differs = "without a mount it is taken to be at" if assumed else "tf says", True
+    is_turned = abs(math.remainder(float(found.solution.values[2] - found.logged[2]), TURN)) > FAR_TURN
+    stats.cause = "; or its first beam is elsewhere (angle_min)" if is_turned else ""
     return judge([MOUNT], stats, sensor.named), [mount]
 
 

@@ -187,14 +187,15 @@ class _GivenPath:
         elif any(self.jumps):
             yield self._finding(f"{self.source} {self._jumps}")
         if self.fit.verdict == "corrected":
-            yield self._corrected(end)
+            yield from self._corrected(end)
         if self.named and not self.steps_fit:
             yield self.unfit(f"they are taken because {self.named}")
 
-    def replaced(self, matched: candidates.Candidate, taken: str) -> Finding:
-        """Return the finding on a path in place of which the matched one is `taken`."""
-        if self.fit.verdict == "corrected":
-            return self._corrected(taken)
+    def replaced(self, matched: candidates.Candidate, taken: str) -> list[Finding]:
+        """Return the findings on a path in place of which the matched one is `taken`."""
+        return self._corrected(taken) if self.fit.verdict == "corrected" else [self._replaced(matched, taken)]
+
+    def _replaced(self, matched: candidates.Candidate, taken: str) -> Finding:
         if self.taken.is_seen_again and matched.is_seen_again and self.steps_fit and not any(self.jumps):
             words = f"{self.source} drift ({self.taken.agreement.far:.0%} agree where seen again): {taken}"
             return self._finding(f"{words} ({matched.agreement.far:.0%})", matched=matched.agreement.far)
@@ -241,18 +242,34 @@ class _GivenPath:
         words = [f"{length:,.1f} m"] if length else []
         return "jump by up to " + " and ".join(words + ([f"{np.degrees(turn):.0f} degrees"] if turn else []))
 
-    def _corrected(self, end: str) -> Finding:
-        """Return the finding on a delay or a mount with which the steps fit; `end`: words after it."""
+    def _corrected(self, end: str) -> list[Finding]:
+        """Return the findings on a delay and a mount with which the steps fit, on both if the sensor is turned by far.
+
+        `end`: words after them.
+        """
         fit = self.fit
-        changes = _changes(fit) or ["by little"]
-        message = f"{self.source} fit only if corrected ({changes[0]}): {end}"
-        message = message if end else f"{self.source} fit if corrected: {'; '.join(changes)}"
+        delay, mount = _changes(fit)
         x, y, yaw = fit.mount
         evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
-        if not fit.delay:
-            return Finding("mount", "warning", *self.key, message, evidence, {"share": fitting.CORRECTED})
-        fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return Finding("delay", "warning", *self.key, message, evidence, {"delay": fitting.MIN_DELAY}, fix, "stamps")
+
+        def finding(rule: str, changes: list[str], limits: dict[str, float], fix: Fix | None = None) -> Finding:
+            words = f"{self.source} fit only if corrected ({changes[0]}): {end}"
+            words = words if end else f"{self.source} fit if corrected: {'; '.join(changes)}"
+            return Finding(rule, "warning", *self.key, words, evidence, limits, fix, "stamps" if fix else "")
+
+        is_apart = abs(yaw) > fitting.FAR_TURN
+        found = []
+        if delay:
+            changes, fix = (
+                [delay, *([mount] if mount and not is_apart else [])],
+                Fix("option", f"--pose-delay {fit.delay:.2f}"),
+            )
+            found.append(finding("delay", changes, {"delay": fitting.MIN_DELAY}, fix))
+        if is_apart or not delay:
+            # Sweeps cannot tell one from the other.
+            cause = ": its mount, or its first beam is elsewhere (angle_min)" if is_apart else ""
+            found.append(finding("mount", [(mount or "by little") + cause], {"share": fitting.CORRECTED}))
+        return found
 
     def _finding(self, words: str, **evidence: float) -> Finding:
         """Return the finding that this is not the path that the sweeps agree on."""
@@ -320,7 +337,7 @@ class PathChoice:
             return self._with_told(given, look.path)
         checked = self._with_matched(look.path, matched, is_led=look.guess is not None)
         taken = "the path is matched from the sweeps"
-        return replace(checked, notes=(given.replaced(matched, taken), *checked.notes))
+        return replace(checked, notes=(*given.replaced(matched, taken), *checked.notes))
 
     def beside(self, found: CheckedPath) -> CheckedPath:
         """Return a path with the finding on the best of the given ones, where no sweep has a pose by it."""
@@ -435,18 +452,14 @@ def _in_order(path: matching.MatchedPath) -> tuple[Int64, Float64, Float64, Floa
     return stamp_ns, path.poses[order], path.pieces[order], path.slides[order]
 
 
-def _changes(fit: fitting.PoseFit) -> list[str]:
+def _changes(fit: fitting.PoseFit) -> tuple[str, str]:
     """Return the delay and the mount of a correction in words."""
-    changes = []
-    if fit.delay:
-        changes.append(f"{abs(fit.delay):.2f} s {'late' if fit.delay > 0 else 'early'}")
+    delay = f"{abs(fit.delay):.2f} s {'late' if fit.delay > 0 else 'early'}" if fit.delay else ""
     x, y, yaw = fit.mount
     moves = [f"turned by {np.degrees(yaw):.0f} degrees"] if abs(yaw) > 0.02 else []
     if max(abs(x), abs(y)) > 0.02:
         moves.append(f"moved by {x:.2f}, {y:.2f} m")
-    if moves:
-        changes.append(f"sensor {', '.join(moves)}")
-    return changes
+    return delay, f"sensor {', '.join(moves)}" if moves else ""
 
 
 class StaticWatch:

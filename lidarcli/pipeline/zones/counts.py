@@ -220,7 +220,7 @@ class TopicCounter:
         if self._half_width is not None:
             self._look_ahead(_PlacedSweeps(batch, ranges, masks, carried, objects, owners, driven, series.count))
         pose = np.full((len(batch), 4), np.nan) if posed is None else _four(posed.at_stamp())
-        series.append(sweep=batch.sweep, stamp_ns=batch.stamp_ns, seconds=batch.seconds(), pose=pose)
+        series.append(sweep=batch.sweep, stamp_ns=batch.stamp_ns, seconds=batch.seconds, pose=pose)
         for each in series.zones:
             place, velocity = places[each.zone.frame], velocities[each.zone.velocity_topic]
             each.append(placed=_four(place.at_stamp()), velocity=velocity)
@@ -291,7 +291,7 @@ class TopicCounter:
         ahead[rows] = np.column_stack(place)
         owner[rows, 2] = counts
         side = np.where(sweeps.place.upside_down, -1.0, 1.0)[:, None]
-        turned = sweeps.place.yaw[:, None] + side * batch.bearings() - np.arctan2(course[:, 1], course[:, 0])[:, None]
+        turned = sweeps.place.yaw[:, None] + side * batch.bearings - np.arctan2(course[:, 1], course[:, 0])[:, None]
         that_way = np.abs((turned + np.pi) % TURN - np.pi) < THAT_WAY
         that_way &= np.arange(batch.width) < batch.beams[:, None]
         owner[:, 3:] = np.stack([(that_way & np.isfinite(ranges)).sum(axis=1), that_way.sum(axis=1)], axis=1)

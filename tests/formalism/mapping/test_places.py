@@ -159,7 +159,7 @@ def heard(ranges: list[float], begin: list[int], end: list[int]) -> list[tuple[i
     ends = rays.Ends(seen, bodies, np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)), 15.0, 0.3)
     cells, row = np.zeros((400, 400), np.int64), np.zeros(1, np.int64)
     rays.cast(ends, row, np.arange(len(begin)) + 1, -9, cells, 0.1, -200, -200)
-    theta = seen.bearings()[0]
+    theta = seen.bearings[0]
     x, y = seen.ranges[0] * np.cos(theta), seen.ranges[0] * np.sin(theta)
     column, line = (np.floor(np.where(seen.ranges[0] <= 15.0, at, 19.9) / 0.1).astype(int) + 200 for at in (x, y))
     # Only the source shows its constants.

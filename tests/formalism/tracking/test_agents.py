@@ -214,7 +214,7 @@ def test_a_mesh_that_returns_only_near_the_perpendicular_does_not_go(greatest: f
     """A piece of a long fence beside the way, always the one abreast of the sensor, slides along with it."""
     log = simulated(scene_of(make.wall([[-4.9, 0.5], [4.9, 0.5]]), path=ALONG), 100)
     assert log.poses is not None
-    world = log.bearings() + log.poses.yaw[:, None]
+    world = log.bearings + log.poses.yaw[:, None]
     y = log.poses.y[:, None] + log.ranges * np.sin(world)
     fence = (np.abs(y - 0.5) < 0.1) & (np.abs(np.angle(np.exp(1j * (world - np.pi / 2)))) > np.radians(greatest))
     ranges, status = log.ranges.copy(), log.status.copy()

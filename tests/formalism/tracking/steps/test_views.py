@@ -59,7 +59,7 @@ def at(measurements: Measurements, x: float, y: float) -> int:
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: str, hangs: bool) -> None:
     measurements, batch = detections(DRIVES[drive], sensor, hangs)
-    bearings = batch.bearings()[0]
+    bearings = batch.bearings[0]
     for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
         k = at(measurements, x, y)
         ahead, left = measurement.to_sensor(measurements, measurements.middle_x[k], measurements.middle_y[k])
