@@ -115,28 +115,28 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_224,
-    "copying": 776,
-    "display": 505,
+    "cli": 3_091,
+    "copying": 782,
+    "display": 525,
     "files": 1_187,
-    "formalism": 16_991,
-    "logs": 12_007,
+    "formalism": 17_205,
+    "logs": 12_065,
     "maps": 523,
-    "options": 1_578,
+    "options": 1_637,
     "overlays": 1_183,
-    "pipeline": 19_171,
-    "pose": 3_182,
-    "reports": 7_774,
+    "pipeline": 19_399,
+    "pose": 3_190,
+    "reports": 7_976,
     "ros": 414,
-    "simulation": 2_309,
-    "sweeps": 1_981,
-    "system": 471,
+    "simulation": 2_310,
+    "sweeps": 2_021,
+    "system": 475,
     "tabular": 2_043,
-    "lidarcli": 153,
+    "lidarcli": 157,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 278
+MAX_FILES = 281
 """A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 
