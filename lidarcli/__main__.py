@@ -1,9 +1,11 @@
 """The entry of the command line, also by `python -m lidarcli`."""
 
 import gc
+import io
 import os
 import sys
 from contextlib import suppress
+from typing import Any
 
 from lidarcli.system.interrupts import Terminated, end_as_terminated, wait_for_imports
 
@@ -16,8 +18,21 @@ if sys.platform == "linux":
 gc.set_threshold(100_000, 20, 20)
 
 
+class _Unheard(io.FileIO):
+    """Standard error whose reader may go away: the work, its outputs and its exit code do not depend on who listens."""
+
+    def write(self, data: Any, /) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            return len(data)
+
+
 def main() -> None:
     """Run the command line; ctrl-C has its one line also while modules are still being imported."""
+    if sys.stderr is not None:
+        heard = io.BufferedWriter(_Unheard(sys.stderr.fileno(), "w", closefd=False))
+        sys.stderr = io.TextIOWrapper(heard, sys.stderr.encoding, sys.stderr.errors, line_buffering=True)
     try:
         wait_for_imports()
         from lidarcli.cli import run

@@ -119,24 +119,24 @@ LINES = {
     "copying": 782,
     "display": 525,
     "files": 1_187,
-    "formalism": 17_205,
-    "logs": 12_065,
+    "formalism": 17_207,
+    "logs": 12_075,
     "maps": 523,
     "options": 1_637,
     "overlays": 1_183,
     "pipeline": 19_399,
-    "pose": 3_190,
-    "reports": 7_976,
+    "pose": 3_184,
+    "reports": 7_979,
     "ros": 414,
     "simulation": 2_310,
-    "sweeps": 2_021,
+    "sweeps": 2_028,
     "system": 475,
     "tabular": 2_043,
     "lidarcli": 157,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 281
+MAX_FILES = 282
 """A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 

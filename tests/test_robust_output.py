@@ -199,3 +199,17 @@ def test_a_killed_overlay_leaves_nothing_that_stays(log: Path, tmp_path: Path) -
     assert (done.returncode, done.stderr) == (0, b"")
     assert [path.name for path in out.iterdir()] == ["run.overlay.mcap"]
     assert [*temporary.iterdir()] == []
+
+
+def test_nobody_listens_to_standard_error(log: Path, tmp_path: Path) -> None:
+    """As after `2>&1 | head -1`: verdict, outputs and exit code are the same."""
+    command = [sys.executable, "-m", "lidarcli", "zones", str(log), "--zones", str(tmp_path / "zones.toml")]
+    (tmp_path / "zones.toml").write_text('[[zone]]\nname = "near"\ncircle = { x = 0, y = 0, radius = 20 }\n')
+    verdict = tmp_path / "checks.xml"
+    listening, speaking = os.pipe()
+    os.close(listening)
+    options = ["--check", "zones.near.events == 0", "-o", str(verdict)]
+    with os.fdopen(speaking, "w") as deaf:
+        done = subprocess.run([*command, *options], stdout=subprocess.DEVNULL, stderr=deaf, check=False)
+    assert done.returncode == 1
+    assert "<failure" in verdict.read_text()

@@ -399,7 +399,7 @@ def cli() -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; its exit code. The one place where errors become exit codes."""
-    messages = MessageWriter()
+    messages, code = MessageWriter(), 0
     try:
         code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
         _flush()
@@ -417,7 +417,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # Whoever read our output has had enough (`| head`). Python must not find out again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return code
     except LidarcliError as err:
         messages.error(str(err))
         return err.exit_code

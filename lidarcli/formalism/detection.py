@@ -233,13 +233,6 @@ def starts(values: Int64) -> Int64:
     return begins.nonzero()[0]
 
 
-def median(values: Float64 | Int64) -> Float64:
-    """Return the median of the rows of an array without NaN; that of numpy would import the masked arrays."""
-    ordered = np.sort(values, axis=0)
-    middle: Float64 = 0.5 * (ordered[(len(values) - 1) // 2] + ordered[len(values) // 2])
-    return middle
-
-
 def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:
     """Return (G,) the median of the values of each of G groups, without NaN; NaN for a group without a value.
 

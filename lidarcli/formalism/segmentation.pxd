@@ -6,9 +6,6 @@ from lidarcli.system cimport native
 cdef Py_ssize_t NEVER, LONGEST_GAP
 cdef double NAN, INFINITE, TURN, GAP_STEP, GAP_STEP_GROWS
 cdef int OPEN_TURN, SHARED_TURN
-cdef double NOISE_FLOOR, MEDIAN_TO_SIGMA, SECOND_DIFFERENCE_GAIN, TO_SIGMA
-cdef float SINGLE_ONE, SINGLE_NAN, SINGLE_INFINITY, GUESS_LOW, GUESS_HIGH
-cdef Py_ssize_t FEW_VALUES
 cdef double ROUGHNESS, NOISE_GAIN, ROOT_2, SPACING_GAIN, TINY
 cdef Py_ssize_t SLOPE_REACH
 cdef Py_ssize_t OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING, NO_RETURN
@@ -61,28 +58,6 @@ cdef void differences(Points points) noexcept nogil
 cdef double flicker(Points points, Scans scans) noexcept nogil
 @cython.locals(total=double, begin=Py_ssize_t)
 cdef double mean_difference(Points points) noexcept nogil
-
-
-cdef class Noise:
-    cdef list owner
-    cdef float* u
-    cdef float* around
-    cdef float* second
-    cdef float* some
-    cdef float guess
-
-
-cdef double sigma_of(Noise noise, Scans scans, Py_ssize_t row) noexcept nogil
-cdef float middle_second_difference(Noise noise, Scans scans, Py_ssize_t row) noexcept nogil
-@cython.locals(
-    numbers=int, below=int, within=int, low=float, high=float, kept=Py_ssize_t, margin=float, some_low=float, some_high=float,
-    below_some=int, within_some=int, k=Py_ssize_t, last=Py_ssize_t
-)
-cdef float lower_median(Noise noise, Py_ssize_t count) noexcept nogil
-@cython.locals(some=int)
-cdef bint _any_between(float* values, Py_ssize_t at, float low, float high) noexcept nogil
-@cython.locals(below=int, within=int, low=Py_ssize_t, high=Py_ssize_t)
-cdef float smallest(Noise noise, Py_ssize_t count, Py_ssize_t rank) noexcept nogil
 
 
 cdef class Breakpoints:

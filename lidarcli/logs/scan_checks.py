@@ -61,6 +61,8 @@ ZEROS = TURN / 8
 HALF, ALIKE = 0.03, 0.03
 """Deviation of a view from half a turn, as a share of a turn, and of its last range from its first one, as a share."""
 MIN_SEAMS, MAX_SEAMS = 20, 4096
+WENT = 0.05
+"""Least standard deviation of the mean range of sweeps, as a share of it, by which a sensor went elsewhere."""
 """Fewest sweeps that show a seam, and the most that are kept."""
 Went = Callable[[str, str, Int64, Int64], Bool]
 """Returns whether the sensor of a topic and frame has moved between two stamps each (S,) [ns], by logged poses."""
@@ -198,7 +200,7 @@ class SweepStats:
     zeros: int = 0
     """Sweeps that were examined; `zeros` counts those with a view of zeros, of which `most_zeros` is the widest [rad]."""
     most_zeros: float = 0.0
-    rims: Float64 = field(default_factory=lambda: np.zeros((2, 0)))
+    rims: Float64 = field(default_factory=lambda: np.zeros((3, 0)))
     """First and last ranges of sweeps of half a turn by their header [m], at most `MAX_SEAMS`."""
     blind: int = 0
     """Sweeps without any range."""
@@ -402,15 +404,23 @@ class SweepStats:
         rows = np.flatnonzero(half & (raw.beams > 2))
         if not len(rows):
             return
-        ends = np.array([batch.ranges[rows, 0], batch.ranges[rows, raw.beams[rows] - 1]], np.float64)
+        ranges = batch.ranges[rows].astype(np.float64)
+        means = np.nansum(ranges, axis=1) / np.maximum(np.isfinite(ranges).sum(axis=1), 1)
+        ends = np.stack([ranges[:, 0], ranges[np.arange(len(rows)), raw.beams[rows] - 1], means])
         self.rims = np.hstack([self.rims, ends[:, np.isfinite(ends).all(axis=0)]])[:, :MAX_SEAMS]
 
     @property
     def meet(self) -> float:
-        """Share of the sweeps of half a turn in which both ends have one range; 0 where these are not related."""
-        if self.rims.shape[1] < MIN_SEAMS or not self.rims.std(axis=1).all() or np.corrcoef(*self.rims)[0, 1] < MEET:
+        """Share of the sweeps of half a turn in which both ends have one range; 0 where these are not related.
+
+        In the middle of a room they have, however a sensor turns: only where it goes they tell.
+        """
+        first, last, means = self.rims
+        if len(means) < MIN_SEAMS or means.std() < WENT * means.mean() or not (first.std() and last.std()):
             return 0.0
-        return round(float((np.abs(np.subtract(*self.rims)) < ALIKE * self.rims.max(axis=0)).mean()), 3)
+        if np.corrcoef(first, last)[0, 1] < MEET:
+            return 0.0
+        return round(float((np.abs(first - last) < ALIKE * np.maximum(first, last)).mean()), 3)
 
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
         """Count the causes of missing ranges."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import median
 from lidarcli.formalism.scan_matching import Matcher
 from lidarcli.options.choices import BEAM_ORDERS, MATCH
 from lidarcli.options.times import SECOND_NS
@@ -42,16 +40,12 @@ def stands(matched: Float64, slides: Float64) -> bool:
     known = np.isfinite(matched[:, 0])
     if len(known) == 0 or known.mean() < 1.0 - MAX_UNPLACED:
         return False
-    middle = median(matched[known])
+    middle = np.median(matched[known], axis=0)
     off = np.hypot(matched[known, 0] - middle[0], matched[known, 1] - middle[1])
     turn = np.abs(wrapped(matched[known, 2] - middle[2]))
     # Where most sweeps may slide, nothing says that the sensor is static.
     fixed = float(np.mean(slides[known] > 0)) < 0.5
-    # `np.quantile` would import the masked arrays, which costs every short run.
-    ordered, rank = np.sort([off, turn]), 0.99 * (len(off) - 1)
-    below, above = ordered[:, int(rank)], ordered[:, math.ceil(rank)]
-    most = below + (rank - int(rank)) * (above - below)
-    return bool(fixed and most[0] < STANDING_OFF and most[1] < STANDING_TURN)
+    return bool(fixed and np.quantile(off, 0.99) < STANDING_OFF and np.quantile(turn, 0.99) < STANDING_TURN)
 
 
 def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
@@ -132,9 +126,9 @@ def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
     steps = steps[steps > 0]
     if not len(steps):
         return 0.0, 0.0
-    period = float(median(steps)) / SECOND_NS
+    period = float(np.median(steps)) / SECOND_NS
     given = [headers_of(batch) for batch in sweeps if batch.duration is not None]
-    headers = float(median(np.concatenate(given))) if given else 0.0
+    headers = float(np.median(np.concatenate(given))) if given else 0.0
     if MIN_SHARE * period <= headers <= MAX_SHARE * period:
         return 0.0, headers
     return USUAL_SHARE * period, USUAL_SHARE * period

@@ -483,7 +483,10 @@ def _count(check: Check, condition: Condition, run: Run | ZoneRows) -> float | N
     if check.name == "events":
         return None if run.zones is None else _count(check, condition, run.zones)
     rows = {"objects": run.objects, "sweeps": run.sweeps, "tracks": run.tracks}[check.name]
-    if rows is None or not all(run.knows(rows, name) for name in condition.columns):
+    if rows is None:
+        return None
+    # What is asked of an empty column has no answer, unless it is asked for being empty.
+    if (condition.truth(rows) == UNKNOWN).any() and not all(run.knows(rows, name) for name in condition.columns):
         return None
     chosen = condition.holds(rows)
     if check.name == "objects":

@@ -134,6 +134,13 @@ def worth_telling(statuses: Mapping[str, int]) -> dict[str, int]:
     return {name: count for name, count in statuses.items() if count or name != Status.MASKED.name.lower()}
 
 
+def median(values: Float64 | Int64) -> Float64:
+    """Return the median of the rows of an array without NaN; that of numpy would import the masked arrays."""
+    ordered = np.sort(values, axis=0)
+    middle: Float64 = 0.5 * (ordered[(len(values) - 1) // 2] + ordered[len(values) // 2])
+    return middle
+
+
 def spared(sweeps: int) -> int:
     """Return how many sweeps may show nothing where all should show something: one, or one in a hundred up to ten."""
     return max(1, min(sweeps // 100, 10))

@@ -164,7 +164,7 @@ def test_the_examples_of_python_print_what_the_page_says(monkeypatch: pytest.Mon
 
 
 OPTIONS = sorted({name for _, name in reference.option_names()})
-MAX_BYTES = 327_000
+MAX_BYTES = 328_000
 SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}
 
 
@@ -207,7 +207,7 @@ def test_the_pages_of_docs_are_in_its_index() -> None:
 
 
 def test_the_pages_stay_short() -> None:
-    """All of docs/ in 327 kB: who says more of one thing says less of another."""
+    """All of docs/ in 328 kB: who says more of one thing says less of another."""
     assert sum(page.stat().st_size for page in (ROOT / "docs").rglob("*.md")) <= MAX_BYTES
 
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.detection import median, starts
+from lidarcli.formalism.detection import starts
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.results import MIN_WAY
 from lidarcli.formalism.tracking.tracks import Track, main_part
-from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
+from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8, median
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import median
 from lidarcli.formalism.tracking.results import HIDDEN, PARTLY, SEEN, Trajectories
 from lidarcli.formalism.tracking.tracks import Track, place_of
-from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, UInt8
+from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, UInt8, median
 
 PARTS_MASK, PARTLY_BIT = 63, 64
 """A byte for a sweep of a track: the number of its parts that are visible, and whether more of it is hidden."""

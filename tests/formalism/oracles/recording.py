@@ -20,6 +20,7 @@ from lidarcli.formalism import (
     description,
     detect,
     features,
+    noise,
     objects,
     segmentation,
     surfaces,
@@ -34,7 +35,7 @@ from tests.formalism.surroundings import simulated
 STEPS: tuple[tuple[ModuleType, str], ...] = (
     (segmentation, "load"),
     (segmentation, "differences"),
-    (segmentation, "sigma_of"),
+    (noise, "sigma_of"),
     (segmentation, "find_breakpoints"),
     (segmentation, "cut"),
     (surfaces, "measure_chords"),
