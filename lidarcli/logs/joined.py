@@ -147,7 +147,7 @@ class PartedLog(Closing):
     @contextmanager
     def _open(self, part: Part, report: ReadReport) -> Iterator[tuple[Log | None, ReadReport]]:
         """Open a part, with a report of its own; None if it cannot be read."""
-        own = ReadReport()
+        own = ReadReport(takes_degrees=report.takes_degrees)
         with ExitStack() as stack:
             log: Log | None = None
             try:

@@ -304,6 +304,17 @@ def test_a_step_of_degrees_is_no_step_of_radians(suffix: str, tmp_path: Path) ->
     assert line.endswith(f": 40 messages left out: {IN_DEGREES}")
 
 
+@pytest.mark.parametrize("suffix", ["mcap", "bag", "db3"])
+def test_steps_that_are_said_to_be_degrees_are_so_in_every_part(suffix: str, tmp_path: Path) -> None:
+    paths, block = [tmp_path / f"{name}.{suffix}" for name in "ab"], bearings(-180.0, 1.0)
+    for seconds, path in zip((0, 100), paths, strict=True):
+        later = seconds * 1_000_000_000
+        write_log(path, [replace(block, stamp_ns=block.stamp_ns + later, record_ns=block.record_ns + later)])
+    batches = [*lidarcli.read([*map(str, paths)], join=True, degrees=True)]
+    assert sum(map(len, batches)) == 80
+    assert np.allclose(batches[0].angle_increment, np.deg2rad(1.0))
+
+
 @pytest.mark.parametrize("suffix", ["mcap", "bag", "db3", "jsonl", "csv", "clf"])
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1000), ("cm", 100)])
 def test_the_unit_of_ranges_is_that_of_any_log(suffix: str, unit: Any, factor: float, tmp_path: Path) -> None:

@@ -53,6 +53,9 @@ class TableSet:
     after: str
     """Rest of their paths after the name of the table: `.parquet` or `/run.parquet`."""
 
+    def __str__(self) -> str:
+        return f"tables of {self.log}"
+
     def __getattr__(self, kind: str) -> Readable:
         """Return the table of a kind, such as `objects`; it need not be there."""
         if kind not in SCHEMAS:
