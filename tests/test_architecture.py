@@ -124,7 +124,7 @@ LINES = {
     "maps": 523,
     "options": 1_637,
     "overlays": 1_183,
-    "pipeline": 19_402,
+    "pipeline": 19_410,
     "pose": 3_184,
     "reports": 7_979,
     "ros": 414,

@@ -205,19 +205,19 @@ class _Answer:
         when = self.clock(self.ns)
         did = None if self.act is None else f"Nav2 said {self.act['action']} for {self.act['zone']}"
         if self.stop is not None:
-            lasts = f"stood for {self.stop['duration']:.1f} s" + (", until the log ends" if self.stop["cut"] else "")
-            stood = f"the robot, which drove {self.stop['speed']:.2f} m/s, {lasts}"
-            if abs(self.stop["speed"]) <= SLOW[0]:
-                stood = f"the robot, which turned, {lasts}"
-            return f"At {when} {did}, and {stood}." if did else f"At {when} {stood}."
+            begun = self.clock(self.stop["start"])
+            lasts = f"stood for {_lasting(self.stop)}" + (", until the log ends" if self.stop["cut"] else "")
+            before = "turned" if abs(self.stop["speed"]) <= SLOW[0] else _drove(self.stop["speed"])
+            stood = f"the robot, which {before}, {lasts}"
+            return f"At {when} {did}, and at {begun} {stood}." if did else f"At {begun} {stood}."
         speed = self.speed(self.driven, self.ns)
-        drove = "" if np.isnan(speed) else f"the robot drove {speed:.2f} m/s" if abs(speed) > SLOW[0] else "the robot stood"
+        drove = "" if np.isnan(speed) else f"the robot {_drove(speed)}" if abs(speed) > SLOW[0] else "the robot stood"
         if self.act is not None and self.act["action"] == "stop" and abs(speed) > SLOW[0]:
             later = [one for one in self.near(STOP, within_ns=AROUND_NS) if one["start"] > self.ns]
             until = f" until {self.clock(later[0]['start'])}" if later else ""
-            drove = f"the robot, which drove {speed:.2f} m/s, did not stop{until}"
+            drove = f"the robot, which {_drove(speed)}, did not stop{until}"
         if did is None and self.alarm is not None:
-            did = f"{self.alarm['zone']} was occupied for {self.alarm['duration']:.1f} s"
+            did = f"{self.alarm['zone']} was occupied from {self.clock(self.alarm['start'])} on for {_lasting(self.alarm)}"
         if did is None and self.stale is not None:
             did = f"{self.stale['topic']} was silent"
         return f"At {when} " + " and ".join(filter(None, [did, drove]) if did or drove else ["nothing happened"]) + "."
@@ -412,6 +412,14 @@ class _Answer:
 def _held(course: tuple[Int64, Float64]) -> tuple[Int64, Float64]:
     """Return a course whose values hold until the next ones, as commands do."""
     return np.repeat(course[0], 2)[1:], np.repeat(course[1], 2)[:-1]
+
+
+def _drove(speed: float) -> str:
+    return f"drove {abs(speed):.2f} m/s" + (" backwards" if speed < 0.0 else "")
+
+
+def _lasting(event: Row) -> str:
+    return f"{event['duration']:.1f} s" if event["duration"] >= 0.05 else "less than 0.1 s"
 
 
 def _clock(seconds: float, ns: int, zone: TimeZone) -> str:
