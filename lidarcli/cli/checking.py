@@ -351,7 +351,8 @@ def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
         text = reporting.initial_checks(made)
         if not outputs:
             click.echo(no_command(text), nl=False)
-        messages.notes(write_whole(place(init), reporting.encoded(text), options["overwrite"]))
+        hurt = [f"{init}: learnt from logs that are damaged, which are no good runs"] if made.figures.get("damage") else []
+        messages.notes([*write_whole(place(init), reporting.encoded(text), options["overwrite"]), *hurt])
         messages.wrote([init])
     messages.failed(made.verdicts)
     return made.exit_code

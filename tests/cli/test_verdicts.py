@@ -141,6 +141,8 @@ def test_checks_of_a_good_run_hold_for_it_and_refuse_a_worse_one(tables: Path, l
     Path("some.toml").write_text(f"checks = {json.dumps(kept)}\n", "utf-8")
     ran = lidarcli("report", "worse", "--checks", "some.toml", code=1)
     assert re.findall(r"check failed: ([\w.]+) is", ran.err) == ["sweeps"]
+    assert lidarcli("-q", "track", "cut.csv.gz", "-o", "cut").code == 3
+    assert "good.toml: learnt from logs that are damaged" in lidarcli("report", "cut", "--init", "good.toml").err
     # The file is no output of others, and is not written over.
     assert lidarcli("report", "good", "--init", "checks.toml").code == 5
     assert lidarcli("report", "good", "--checks", "checks.toml", "--init", "checks.toml", "--overwrite").code == 5
