@@ -161,6 +161,7 @@ COMPARED: dict[str, Figure] = {
 GUARDED: dict[str, tuple[float | None, float | None]] = {
     **dict.fromkeys(("sweeps", "valid_share", "known"), (0.8, None)),
     **dict.fromkeys(("observed", "zones.NAME.observed", "overlap"), (0.9, None)),
+    "topics": (1.0, None),
     "f1": (0.95, None),
     "nearest.min": (0.5, None),
     "rate": (0.9, 1.1),

@@ -171,9 +171,10 @@ def test_good_runs_set_limits_for_others(lidarcli: Run, nights: Path) -> None:
     """What was written is what is printed, a line for each check."""
     ran = lidarcli("report", *(nights / log for log in "cd"), "--init", "good.toml")
     assert ran.out == Path("good.toml").read_text()
-    assert ran.out.splitlines()[:4] == [
+    assert ran.out.splitlines()[:5] == [
         "# Checks of good runs (2 logs), for lidarcli report RUN --checks THIS_FILE",
         "checks = [",
+        '  "topics >= 1",  # 1 in 2 runs',
         '  "sweeps >= 85.8",  # 100 to 102 in 2 runs',
         '  "valid_share >= 0.849",  # 0.99 in 2 runs',
     ]
