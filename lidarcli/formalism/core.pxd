@@ -1,12 +1,12 @@
 cimport cython
 
 from lidarcli.system cimport native
-from lidarcli.formalism cimport description, features, noise, objects, segmentation, surfaces, verdict
+from lidarcli.formalism cimport description, features, objects, range_noise, segmentation, surfaces, verdict
 from lidarcli.formalism.description cimport Columns, Description
 from lidarcli.formalism.features cimport Features
 from lidarcli.formalism.verdict cimport Verdict
 from lidarcli.formalism.objects cimport Bodies, Protrusions
-from lidarcli.formalism.noise cimport Noise
+from lidarcli.formalism.range_noise cimport Noise
 from lidarcli.formalism.segmentation cimport Breakpoints, Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 

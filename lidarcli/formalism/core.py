@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli.formalism import description, features, noise, objects, segmentation, surfaces, verdict
+from lidarcli.formalism import description, features, objects, range_noise, segmentation, surfaces, verdict
 from lidarcli.formalism.description import Columns, Description
 from lidarcli.formalism.features import Features
-from lidarcli.formalism.noise import Noise
 from lidarcli.formalism.objects import Bodies, Protrusions
 from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.range_noise import Noise
 from lidarcli.formalism.segmentation import Breakpoints, Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
 from lidarcli.formalism.verdict import Verdict
@@ -78,7 +78,7 @@ class Core:
 def write_noise(core: Core, scans: Scans, out: Any) -> None:
     """Write the noise of every sweep; apart, as methods that hold the lock count references to what they hand on."""
     for row in range(scans.rows):
-        out[row] = noise.sigma_of(core.noise, scans, row)
+        out[row] = range_noise.sigma_of(core.noise, scans, row)
 
 
 def write_all_differences(core: Core, scans: Scans, out: Any) -> None:
@@ -115,7 +115,7 @@ def break_row(core: Core, scans: Scans, row: int) -> float:
     segmentation.differences(core.points)
     d_mean = segmentation.mean_difference(core.points)
     core.points.flicker = segmentation.flicker(core.points, scans) if core.robust else 0.0
-    core.points.sigma = noise.sigma_of(core.noise, scans, row)
+    core.points.sigma = range_noise.sigma_of(core.noise, scans, row)
     if core.adaptive:
         core.points.d_th = segmentation.noise_threshold(core.points.sigma)
     else:

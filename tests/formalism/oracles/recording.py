@@ -20,8 +20,8 @@ from lidarcli.formalism import (
     description,
     detect,
     features,
-    noise,
     objects,
+    range_noise,
     segmentation,
     surfaces,
     verdict,
@@ -35,7 +35,7 @@ from tests.formalism.surroundings import simulated
 STEPS: tuple[tuple[ModuleType, str], ...] = (
     (segmentation, "load"),
     (segmentation, "differences"),
-    (noise, "sigma_of"),
+    (range_noise, "sigma_of"),
     (segmentation, "find_breakpoints"),
     (segmentation, "cut"),
     (surfaces, "measure_chords"),

@@ -71,7 +71,7 @@ def test_noise_is_the_median_of_second_differences() -> None:
     for one in recordings():
         expected = sweeps.noise(circle_of(one))
         # The core estimates it in single precision, of which second differences of 8 m lose a micrometre or a few.
-        assert one.after["noise.sigma_of"].result == pytest.approx(expected, rel=1e-4, abs=1e-5)
+        assert one.after["range_noise.sigma_of"].result == pytest.approx(expected, rel=1e-4, abs=1e-5)
         above_floor += expected > 0.003
     assert above_floor > 100
 
