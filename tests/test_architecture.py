@@ -126,7 +126,7 @@ LINES = {
     "overlays": 1_183,
     "pipeline": 19_410,
     "pose": 3_184,
-    "reports": 7_980,
+    "reports": 7_981,
     "ros": 414,
     "simulation": 2_310,
     "sweeps": 2_028,

@@ -486,9 +486,10 @@ def _count(check: Check, condition: Condition, run: Run | ZoneRows) -> float | N
     if rows is None:
         return None
     # What is asked of an empty column has no answer, unless it is asked for being empty.
-    if (condition.truth(rows) == UNKNOWN).any() and not all(run.knows(rows, name) for name in condition.columns):
+    truth = condition.truth(rows)
+    if (truth == UNKNOWN).any() and not all(run.knows(rows, name) for name in condition.columns):
         return None
-    chosen = condition.holds(rows)
+    chosen = truth == 1.0
     if check.name == "objects":
         # Walls, and what has gone from a background, count only where the condition asks for them.
         chosen &= run.is_object | _asked_for(condition, run)
